@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("TWIN_PROCESSORS", "1")
 import numpy as np
 
-from twin.core.processors import usable
+from twin.core.jobs import usable_processors
 
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -153,9 +153,9 @@ def parsed_once(request):
 def several_processors(monkeypatch):
     """Let parallel work, here and in programs that a test starts, use all processors, as for a user."""
     monkeypatch.delenv("TWIN_PROCESSORS")
-    usable.cache_clear()
+    usable_processors.cache_clear()
     yield
-    usable.cache_clear()
+    usable_processors.cache_clear()
 
 
 @pytest.fixture

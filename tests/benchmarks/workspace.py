@@ -13,7 +13,7 @@ from race import Contender, Effort, Fact, Table, race, show
 import twin
 from twin.analysis import grid_workspace as reach
 from twin.analysis.pose_grid import PoseGrid
-from twin.core import processors, spatial
+from twin.core import jobs, spatial
 
 _PEAK = """
 import pathlib, re, sys
@@ -36,16 +36,16 @@ def _on_one_processor(effort: Effort) -> Table:
     Numpy takes one processor. Where another program keeps the second one busy, a ratio of two to one falls, although
     twin is no slower.
     """
-    before = os.environ.get(processors.PROCESSORS)
-    os.environ[processors.PROCESSORS] = "1"
-    processors.usable.cache_clear()
+    before = os.environ.get(jobs.PROCESSORS)
+    os.environ[jobs.PROCESSORS] = "1"
+    jobs.usable_processors.cache_clear()
     try:
         return throughput(effort)
     finally:
-        del os.environ[processors.PROCESSORS]
+        del os.environ[jobs.PROCESSORS]
         if before is not None:
-            os.environ[processors.PROCESSORS] = before
-        processors.usable.cache_clear()
+            os.environ[jobs.PROCESSORS] = before
+        jobs.usable_processors.cache_clear()
 
 
 def throughput(effort: Effort) -> Table:

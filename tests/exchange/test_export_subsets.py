@@ -17,8 +17,8 @@ import pytest
 
 import twin.exchange.audit as audits
 from twin import api
-from twin.api.robot import silent
 from twin.cli import main
+from twin.core.progress import silent
 from twin.exchange.format import Holds
 from twin.exchange.formats import audit_formats
 from twin.exchange.read import read

@@ -18,8 +18,8 @@ from twin.core.atomic import Scratch
 from twin.core.compute_device import Choice
 from twin.core.errors import TwinError
 from twin.core.extras import require
+from twin.core.jobs import usable_processors
 from twin.core.processes import spawning_children
-from twin.core.processors import usable
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -81,7 +81,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warnings about dashboard ports and slow starts do not affect results
         if address == HERE:
-            count = workers or usable()
+            count = workers or usable_processors()
             # Workers listen on the loopback address only, and no dashboard is served.
             options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ""}
             with Scratch() as scratch, contextlib.ExitStack() as stack:

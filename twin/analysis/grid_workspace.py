@@ -24,6 +24,7 @@ from twin.core import compute_device
 from twin.core.compute_device import Choice
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.bounds import Bound, bounds_of
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
@@ -241,7 +242,7 @@ def over_grid(
     robot: Robot,
     grid: PoseGrid,
     store: Callable[[tuple[int, int]], np.ndarray] = lambda shape: np.zeros(shape, np.float32),
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
     *,
     client: Client | None = None,
     source: str = "",

@@ -21,6 +21,7 @@ from twin.api.robot import Robot
 from twin.core import compute_device
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 
@@ -59,7 +60,7 @@ def by_joints(
     robot: Robot,
     count: int,
     step: float | None = None,
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> Workspace:
     """Return the workspace of a robot from samples of its joint ranges.
 

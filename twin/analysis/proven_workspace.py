@@ -13,10 +13,11 @@ import numpy as np
 from twin.analysis import grid_workspace as sampled
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import volume_error
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, warning
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import MM, UM

@@ -14,11 +14,12 @@ from twin.analysis import design, table
 from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
 from twin.analysis.grid_workspace import limited_passive_joints
 from twin.api.name_or_path import name_or_path
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM

@@ -20,12 +20,13 @@ from twin.analysis.error_propagation import (
 )
 from twin.analysis.tightening import COST, Tightening, least_cost
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core import compute_device
 from twin.core.compute_device import PROCESSOR
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.quantity import um
 from twin.core.result import Part, Result, TextTable
 from twin.core.sampling import spread

@@ -13,9 +13,10 @@ from twin.analysis.joint_samples import by_joints
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import Workspace
 from twin.api.name_or_path import name_or_path
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.core.units import MM
 

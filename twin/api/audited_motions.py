@@ -12,9 +12,10 @@ import numpy as np
 from twin.api.motion_proof import timed_path
 from twin.api.path_samples import sampled
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 from twin.proof.motion import value_groups as groups
 from twin.reference import ReferenceModel
 

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import load, names
 from twin.api.robot_source import RobotSource
 from twin.core import spatial
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.foreign.budget import STAGE_SUFFIXES
+from twin.core.progress import Progress, silent
 from twin.core.quantity import moved
 from twin.core.spatial import Array
 

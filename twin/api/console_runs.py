@@ -9,12 +9,13 @@ import numpy as np
 
 from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.scene_loading import as_scene, load_scene
 from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
+from twin.core.progress import Progress, silent
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, machine_scene

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import AssemblyError, TwinError, unknown
+from twin.core.progress import Progress, silent
 from twin.core.units import UM
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ import numpy as np
 
 from twin.api.clip_protocols import protocol_of_clip
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 

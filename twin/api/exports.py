@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded, names
 from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
+from twin.core.progress import Progress, silent
 
 if TYPE_CHECKING:
     from twin.exchange.write.bundle import Bundle

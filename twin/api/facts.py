@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.core import assets
 from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonMapping, JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM, display_unit
 

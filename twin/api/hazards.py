@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 
 from twin.api.machine import machine_parts
 from twin.api.name_or_path import name_or_path
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import load
 from twin.core.errors import OutputError, TwinError
+from twin.core.jobs import usable_processors
 from twin.core.json_types import JsonObject
-from twin.core.processors import usable
+from twin.core.progress import Progress, silent
 from twin.core.provenance import Parameter
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def hazards(
     log = _log(folder, robot, path, plan, parts)
     share = Share(source or filed_source, str(path.resolve()), (), software)
     try:
-        _run_sessions(share, _remaining(plan, log, sessions), processes or usable(), log, progress)
+        _run_sessions(share, _remaining(plan, log, sessions), processes or usable_processors(), log, progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_resume_advice(log)) from None
     finally:

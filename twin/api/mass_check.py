@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, verdict
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.path_samples import SampledPath, sampled
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.core.errors import MechanismError, ProtocolError
 from twin.core.findings import Finding, disagreement, error, info
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.quantity import Quantity, si
 from twin.core.result import TextTable
 from twin.core.spatial import Array

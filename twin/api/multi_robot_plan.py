@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import load
 from twin.api.scene_loading import load_scene, place_of
 from twin.api.scene_obstacles import obstacles_in_world
 from twin.core import spatial
 from twin.core.errors import CancelledError, ProtocolError, TwinError
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.api.robot import Progress, silent
 from twin.api.scene_loading import as_scene, load_scene
 from twin.api.scene_parts import anatomy_of, members_of, props_of, robots_at
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result, TextTable
 from twin.core.units import MM
 from twin.model.scene import Scene

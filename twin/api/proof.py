@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
 from twin.core.format import ROUNDING
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 

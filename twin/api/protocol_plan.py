@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
+from twin.core.progress import Progress, silent
 
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol, Solver

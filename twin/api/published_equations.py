@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ import numpy as np
 
 from twin.api.clip_protocols import protocols_of_clips
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot
+from twin.api.robot import Robot
 from twin.api.robot_loading import load, names
 from twin.core.errors import TwinError
+from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.audit import SCENE, ExportStatement

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -16,6 +16,7 @@ from twin.api.robot_source import RobotSource
 from twin.core import assets, compute_device
 from twin.core.errors import TwinError, unknown
 from twin.core.foreign.budget import read_bytes
+from twin.core.progress import Progress as Progress  # a name of twin.api
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
@@ -31,13 +32,6 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import PathKinematics, Trajectory
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
-
-Progress = Callable[[str, float], None]
-"""Function that is called to report progress, with the name of the current step and the fraction done (0 to 1)."""
-
-
-def silent(label: str, fraction: float) -> None:
-    """Report nothing: the default of `progress`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

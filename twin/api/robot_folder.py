@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonMapping
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result
 
 if TYPE_CHECKING:

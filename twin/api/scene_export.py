@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from twin.api.exports import export
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import load
 from twin.api.scene_parts import anatomy_of, props_of
 from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array

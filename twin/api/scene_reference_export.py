@@ -6,11 +6,11 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.api.robot import Progress
 from twin.api.robot_loading import load
 from twin.api.scene_export import export_scene
 from twin.api.scene_loading import load_scene
 from twin.core import assets
+from twin.core.progress import Progress
 from twin.exchange.audit import SCENE, ExportStatement
 from twin.exchange.write.clip import model_hash
 

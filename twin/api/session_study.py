@@ -7,10 +7,10 @@ from pathlib import Path
 
 from twin.api.console_runs import replay_session
 from twin.api.console_session import ConsoleSession
-from twin.api.robot import Progress, silent
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import load_json
 from twin.core.json_types import JsonMapping, JsonObject
+from twin.core.progress import Progress, silent
 from twin.validation.rank_tests import Ranks, Users, compare_users
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.api.scene_loading import as_scene
 from twin.api.scene_parts import anatomy_of, props_of, robots_at
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 
 if TYPE_CHECKING:
     from twin.model.scene import Scene

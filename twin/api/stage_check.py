@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from twin.api import exports
-from twin.api.robot import Progress, Robot, silent
+from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, disagreement
 from twin.core.json_types import JsonMapping
+from twin.core.progress import Progress, silent
 from twin.core.result import Part, Result
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from twin.api.robot import Progress, silent
 from twin.checking.baseline import read_baseline
 from twin.checking.check_finding import CheckFinding, numbered
 from twin.checking.check_result import FolderCheck
@@ -20,6 +19,7 @@ from twin.checking.rules import LEVELS, Level
 from twin.core.errors import CodeRefusedError, TwinError
 from twin.core.foreign.consent import require_consent
 from twin.core.jobs import Stream
+from twin.core.progress import Progress, silent
 from twin.exchange.xacro import XacroSettings
 
 SECONDS = 120.0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.core.errors import TwinError
+from twin.core.progress import Progress
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
@@ -23,8 +23,6 @@ See `Deadline`.
 
 _SEARCH = 0.6
 """Fraction of `SECONDS` for the search itself; the rest of the time is for poses and checks."""
-
-Progress = Callable[[str, float], None]
 
 
 class _LateError(BaseException):

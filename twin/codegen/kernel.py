@@ -20,8 +20,8 @@ from twin.codegen.gpu_kernel import GpuKernel
 from twin.core import compute_device, gpu
 from twin.core.errors import GpuError
 from twin.core.gpu import Gpu
+from twin.core.jobs import usable_processors
 from twin.core.machine_code import compiled, lanes
-from twin.core.processors import usable
 from twin.core.spatial import Array
 
 _CHUNK = 4096
@@ -49,7 +49,7 @@ How many calls will follow is not known: with this rule, a GPU that is faster co
 @cache
 def _pool() -> ThreadPoolExecutor:
     """Return the threads that all kernels share."""
-    return ThreadPoolExecutor(usable(), "twin-kernel")
+    return ThreadPoolExecutor(usable_processors(), "twin-kernel")
 
 
 class Kernel:
@@ -272,7 +272,7 @@ class Kernel:
         first = sample_count
         if begins:
             first = begins[0]
-        if self._on_gpu(sample_count - first, compute, seconds / usable()):
+        if self._on_gpu(sample_count - first, compute, seconds / usable_processors()):
             return result
         _share(work, len(begins), seconds)
         return result
@@ -361,7 +361,7 @@ class Kernel:
         start = time.perf_counter()
         self._call(*chunks.popleft(), ins, outs, None)
         seconds = (time.perf_counter() - start) * len(chunks)
-        workers = min(threads or usable(), usable())
+        workers = min(threads or usable_processors(), usable_processors())
         rest_begin = begin + size
 
         def compute(card: Gpu, kernel: GpuKernel) -> None:
@@ -393,7 +393,7 @@ def _share(work: Callable[[], None], most: int, seconds: float) -> None:
         most: maximum number of threads, including this thread.
         seconds: computing time in s with one thread.
     """
-    thread_count = min(most, seconds / _WORTHWHILE_S, usable())
+    thread_count = min(most, seconds / _WORTHWHILE_S, usable_processors())
     helpers = []
     for _ in range(int(thread_count) - 1):
         helpers.append(_pool().submit(work))

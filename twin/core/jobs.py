@@ -1,6 +1,7 @@
 """Run work in another process: one call with one result (`Call`), or jobs that yield results in pieces (`Stream`).
 
 The process ends when its `Call` or `Stream` is deleted, or when this program ends. The process ignores Ctrl-C.
+`usable_processors` says how many processors the parallel work of one command may use.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
@@ -20,7 +22,29 @@ from twin.core.errors import TwinError
 from twin.core.processes import Apart
 from twin.core.program_end import ending
 
+PROCESSORS = "TWIN_PROCESSORS"
+"""Environment variable that limits the number, for computers that several people or programs share."""
+
 Piece = TypeVar("Piece")
+
+
+@cache
+def usable_processors() -> int:
+    """Return the number of processors for parallel work: that of `TWIN_PROCESSORS`, else all that the system grants.
+
+    Both are read once: a compiled kernel asks at every call.
+
+    Raises:
+        TwinError: `TWIN_PROCESSORS` is not a whole number of at least 1.
+    """
+    # The system grants fewer processors than the computer has, for example in a container or under `taskset`.
+    granted = len(os.sched_getaffinity(0))
+    limit = os.environ.get(PROCESSORS)
+    if not limit:
+        return granted
+    if not limit.isdecimal() or int(limit) < 1:
+        raise TwinError(f"{PROCESSORS} is {limit!r}: give a whole number of processors, 1 or more, or unset it")
+    return min(int(limit), granted)
 
 
 class Call:

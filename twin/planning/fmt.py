@@ -10,7 +10,6 @@ of the front are tested together.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import gamma, log, pi
@@ -19,6 +18,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from twin.core.errors import ProtocolError
+from twin.core.progress import StepProgress, silent_step
 from twin.core.spatial import Array
 from twin.planning.costs import Cost, length
 from twin.planning.space import Space
@@ -35,8 +35,6 @@ _FRONT_NODES = 16
 _SMALLEST_BLOCK = 16
 _LARGEST_BLOCK = 2048
 """Minimum and maximum number of samples that are drawn together; twice as many as are missing, because some collide."""
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class FmtSearch:
         """The tree of the last call of `path`, even if this call found no path or ended by an exception."""
         return SearchTree(self._q[: len(self._parent)].copy(), self._parent.copy())
 
-    def path(self, samples: int, progress: Progress = lambda fraction: None) -> Array | None:
+    def path(self, samples: int, progress: StepProgress = silent_step) -> Array | None:
         """Return the corners (k, n) of the shortest path found; None if no path was found.
 
         Free samples are added until the search has `samples` free samples. After `inform`, samples through which no
@@ -218,7 +216,7 @@ class FmtSearch:
                 self._known[j, i] = False
         return blocked
 
-    def _draw(self, samples: int, progress: Progress) -> None:
+    def _draw(self, samples: int, progress: StepProgress) -> None:
         """Add free samples until there are `samples`, or until `_TRIES` samples per required sample are drawn."""
         limit = _TRIES * samples
         drawn_count = 0
@@ -242,7 +240,7 @@ class FmtSearch:
         self,
         costs: list[Array],
         parent: np.ndarray,
-        progress: Progress = lambda fraction: None,
+        progress: StepProgress = silent_step,
         ends: tuple[int, int] = (0, 1),
     ) -> tuple[list[int] | None, int]:
         """Grow a tree from sample ends[0] to ends[1]; return (rows of the path or None, number of reached samples).

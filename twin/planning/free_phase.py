@@ -15,7 +15,8 @@ from twin.planning.protocol import Free
 from twin.planning.rounds import SearchRound, SearchRounds
 from twin.planning.trajectory import Keep, PathKinematics
 
-Progress = Callable[[str], None]
+PhaseProgress = Callable[[str], None]
+"""Function that is called with the name of each phase before it is planned, and with each step of its search."""
 
 Searched = Callable[[str, SearchRounds], None]
 """Function of (name of a free phase, rounds of its search); called only if there was a search."""
@@ -44,7 +45,7 @@ def free_path(
     ends: tuple[Array, Array],
     Ts: Array,
     where: str,
-    progress: Progress = lambda label: None,
+    progress: PhaseProgress = lambda label: None,
     searched: Searched = lambda name, rounds: None,
 ) -> Path:
     """Return the path of the driven joints in a free phase.

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
-from twin.planning.free_phase import Progress, Searched, free_path
+from twin.planning.free_phase import PhaseProgress, Searched, free_path
 from twin.planning.path import ChebyshevPath, Path, fit, line
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
@@ -111,7 +111,7 @@ class MechanismFollower:
         protocol: Protocol,
         kinematics: PathKinematics,
         carrier: Carrier,
-        progress: Progress = lambda label: None,
+        progress: PhaseProgress = lambda label: None,
         searched: Searched = lambda name, rounds: None,
     ) -> None:
         self._protocol = protocol
@@ -401,7 +401,7 @@ def with_free_paths(
     paths: Sequence[PhasePath],
     kinematics: PathKinematics,
     protocol: str,
-    progress: Progress = lambda label: None,
+    progress: PhaseProgress = lambda label: None,
     searched: Searched = lambda name, rounds: None,
 ) -> tuple[PhasePath, ...]:
     """Return the phases, with each free phase replaced by a path around obstacles between its end poses.

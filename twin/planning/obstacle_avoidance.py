@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.errors import CancelledError, ProtocolError
+from twin.core.progress import StepProgress, silent_step
 from twin.core.spatial import Array
 from twin.planning.costs import Cost, length, total
 from twin.planning.fmt import FmtSearch, SearchTree
@@ -56,7 +57,7 @@ def around(
     goal: Array,
     *,
     seed: int = 0,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: StepProgress = silent_step,
     cancelled: Callable[[], bool] | None = None,
     cost: Cost | None = None,
     straight: bool = True,
@@ -210,7 +211,7 @@ class FreePath:
 
 
 def searched(
-    search: FmtSearch, samples: int, rng: np.random.Generator, progress: Callable[[float], None] = lambda fraction: None
+    search: FmtSearch, samples: int, rng: np.random.Generator, progress: StepProgress = silent_step
 ) -> tuple[bool, FreePath | None]:
     """Return (whether a search found corners, the `FreePath` along these corners or None if they cannot be rounded).
 
@@ -264,7 +265,7 @@ def improved(
     path: FreePath,
     samples: int,
     rng: np.random.Generator,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: StepProgress = silent_step,
     *,
     informed: bool,
     record: Callable[[SearchTree, Cost, Array], None] = lambda tree, cost, best: None,

@@ -14,7 +14,7 @@ from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
 from twin.planning.demands import demands, timed
 from twin.planning.feasibility import pose_margins, require_feasible
-from twin.planning.free_phase import Progress, Searched
+from twin.planning.free_phase import PhaseProgress, Searched
 from twin.planning.long_turns import hint, long_turns
 from twin.planning.mechanism_path import MechanismFollower, with_auxiliary, with_free_paths
 from twin.planning.path import Path
@@ -53,7 +53,7 @@ def plan(
     *,
     T_tool_frame: Array,
     dt: float = 1e-3,
-    progress: Callable[[str], None] | None = None,
+    progress: PhaseProgress | None = None,
 ) -> Trajectory:
     """Plan the timed trajectory of a protocol; each phase begins and ends at rest.
 
@@ -99,7 +99,7 @@ def plan(
 
 
 def _guide(
-    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress, searched: Searched
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: PhaseProgress, searched: Searched
 ) -> MechanismFollower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
     has_joint_waypoints = any(waypoint.joints is not None for waypoint in protocol.waypoints.values())

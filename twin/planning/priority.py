@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from twin.core.progress import StepProgress, silent_step
 from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
 from twin.model.mechanism import Mechanism
@@ -233,7 +234,7 @@ def beside(
     goal: Array,
     *,
     seed: int = 0,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: StepProgress = silent_step,
     cancelled: Callable[[], bool] | None = None,
     ended: Callable[[SearchRound, SearchTree], None] = lambda round, tree: None,
 ) -> Composed:

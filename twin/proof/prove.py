@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
@@ -88,7 +89,7 @@ class Prover:
         self,
         variants: Mapping[str, str],
         states: int = STATES,
-        progress: Callable[[str, float], None] = lambda label, fraction: None,
+        progress: Progress = silent,
     ) -> Proof:
         """Return all claims and their verdicts.
 
@@ -110,7 +111,7 @@ def prove(
     robot: Mechanism,
     states: int = STATES,
     seed: int = 0,
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> Proof:
     """Return the claims about a robot and their verdicts; see `Prover`.
 
@@ -145,9 +146,7 @@ class _ProofRun:
         arbitrary_angles: angles for whose other values no claim is wrong.
     """
 
-    def __init__(
-        self, prover: Prover, variants: Mapping[str, str], states: int, progress: Callable[[str, float], None]
-    ) -> None:
+    def __init__(self, prover: Prover, variants: Mapping[str, str], states: int, progress: Progress) -> None:
         self.prover = prover
         self.variants = variants
         self.count = states

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.proof import interval_pose, intervals, krawczyk
 from twin.proof.frame_motion import ToolBox
@@ -323,7 +324,7 @@ def cover(
     high: Array,
     edge: float,
     halvings: int,
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> RegularWorkspace:
     """Return the proved boxes in a box of tool positions.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
@@ -11,6 +11,7 @@ import coal  # pyright: ignore[reportMissingImports] - installed beside site-pac
 import numpy as np
 
 from twin.core import spatial
+from twin.core.progress import StepProgress
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Mesh
@@ -106,9 +107,7 @@ def _hull(vertices: Array) -> coal.Convex:
     return coal.Convex(points, triangles)
 
 
-def clearance(
-    mechanism: Mechanism, link_poses: Mapping[str, Array], progress: Callable[[float], None] | None = None
-) -> Clearance:
+def clearance(mechanism: Mechanism, link_poses: Mapping[str, Array], progress: StepProgress | None = None) -> Clearance:
     """Return the minimum clearances between the meshes of a mechanism.
 
     A measured distance minus the subsequent motion of both bodies is a lower bound of their distance. The pair is
@@ -272,7 +271,7 @@ def box_gap(low_a: Array, high_a: Array, low_b: Array, high_b: Array) -> Array:
 def _track(
     pairs: list[tuple[Shape, Shape]],
     link_poses: Mapping[str, Array],
-    progress: Callable[[float], None] | None,
+    progress: StepProgress | None,
 ) -> tuple[Array, tuple[tuple[str, str], ...]]:
     """Return the smallest distance (k,) in m of any pair, and the names of the two nearest bodies, at each sample."""
     count = len(next(iter(link_poses.values())))

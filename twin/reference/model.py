@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
+from twin.core.progress import StepProgress
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
@@ -22,7 +23,7 @@ from twin.reference.loops import LENGTH_SCALE
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
 from twin.reference.pose_residuals import loops_only
-from twin.reference.sample_continuation import BLOCK, Progress, solved_along
+from twin.reference.sample_continuation import BLOCK, solved_along
 from twin.reference.states import Assembly, SolvedSamples, assembly_at, link_poses_at, samples_at
 from twin.reference.target_continuation import GAP_TOLERANCE, MODE_JUMP, TargetContinuation
 from twin.reference.tree import Tree
@@ -109,7 +110,7 @@ class ReferenceModel:
 
     # -- along samples --------------------------------------------------------------------------------
 
-    def run(self, q: Array, seed: Assembly | None = None, progress: Progress | None = None) -> SolvedSamples:
+    def run(self, q: Array, seed: Assembly | None = None, progress: StepProgress | None = None) -> SolvedSamples:
         """Return the states at active joint values q (k, n), solved along a motion.
 
         Raises:
@@ -188,7 +189,7 @@ class ReferenceModel:
     def run_poses(
         self,
         Ts_base_tool: Array,
-        progress: Progress | None = None,
+        progress: StepProgress | None = None,
         near: Array | None = None,
     ) -> SolvedSamples:
         """Return the states with the tool at the given poses (k, 4, 4), solved along a motion; see `run`.

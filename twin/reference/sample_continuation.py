@@ -6,20 +6,16 @@ accurate that one or two iterations suffice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core import spatial
 from twin.core.errors import AssemblyError
+from twin.core.progress import StepProgress
 from twin.core.spatial import Array, Index
 from twin.reference import loop_rates
 from twin.reference.states import assembly_at
 from twin.reference.target_continuation import GAP_TOLERANCE, MODE_JUMP, TargetContinuation
-
-Progress = Callable[[float], None]
-"""Progress callback: called with the fraction done."""
 
 BLOCK = 1000
 """Number of states solved at once: a compromise between speed and memory."""
@@ -44,7 +40,7 @@ _SLOPE_STEP = 1e-3
 
 
 def solved_along(
-    continuation: TargetContinuation, targets: Array, start: Array, progress: Progress | None = None
+    continuation: TargetContinuation, targets: Array, start: Array, progress: StepProgress | None = None
 ) -> Array:
     """Return the states (k, nq) of all samples of a motion.
 
@@ -101,7 +97,7 @@ def knot_samples(targets: Array) -> Index:
 
 
 def _knots(
-    continuation: TargetContinuation, at: Index, targets: Array, start: Array, progress: Progress | None
+    continuation: TargetContinuation, at: Index, targets: Array, start: Array, progress: StepProgress | None
 ) -> Array:
     """Return the states (j, nq) of the samples `at`, solved in order; predictable samples are solved together."""
     knots = np.zeros((len(at), continuation.tree.model.nq))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
@@ -138,7 +139,7 @@ def run_trials(
     clutch_as: Clutch,
     scale: float,
     solver: Solver,
-    progress: Callable[[str, float], None],
+    progress: Progress,
 ) -> Operated:
     """Simulate an operator who performs a protocol, once per seed.
 

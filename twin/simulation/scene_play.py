@@ -7,7 +7,7 @@ ports.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress, silent
 from twin.core.quantity import mm
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
@@ -236,7 +237,7 @@ def play(
     scene: Scene,
     actors: Sequence[Actor],
     props: Mechanism | None,
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> Played:
     """Play the protocols until the last robot has ended its motion; check clearances and distances from ports."""
     duration = _duration(actors)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from twin.core.errors import TwinError
+from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.planning.phase_path import build
@@ -121,7 +122,7 @@ def operate(
     goals: Sequence[Goal],
     seed: int = 0,
     solver: Solver = "damped",
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Record:
     """Simulate one trial from joint values q (n,) through all goals; return its record.
 

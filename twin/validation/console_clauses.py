@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from twin.core.progress import Progress, silent
 from twin.validation.console_result import Clause, ConsoleResult, number
 
 Array = NDArray[np.float64]
@@ -97,7 +98,7 @@ class JudgedConsole(Protocol):
         ...
 
 
-def judge(console: JudgedConsole, progress: Callable[[str, float], None] = lambda label, part: None) -> ConsoleResult:
+def judge(console: JudgedConsole, progress: Progress = silent) -> ConsoleResult:
     """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
     steps = len(_GROUPS) + 1

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from twin.core.findings import Finding, Kind
+from twin.core.progress import Progress
 from twin.core.result import TextTable
 from twin.core.spatial import Array, Index
 from twin.formula.contract import Equation
@@ -16,8 +17,6 @@ from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.residual_rows import SampleClock, Tolerances
 from twin.validation.result import Residual
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import platform
-from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
@@ -13,6 +12,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, StageError
 from twin.core.findings import Finding, Kind, disagreement, info
 from twin.core.jobs import Call
+from twin.core.progress import Progress, silent
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
@@ -45,8 +45,6 @@ from twin.validation.trocar_methods import three_methods
 from twin.validation.trocars import as_written, through_trocars
 from twin.validation.unit_mistakes import parts_apart
 
-Progress = Callable[[str, float], None]
-
 _NO_EQUATIONS = info(
     "equations.none",
     "formula.py",
@@ -59,7 +57,7 @@ _STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin bui
 
 def judge(
     case: Case,
-    progress: Progress = lambda label, fraction: None,
+    progress: Progress = silent,
     parts: frozenset[Part] = PARTS,
     known: Known | None = None,
 ) -> Report:

@@ -8,7 +8,6 @@ at the states where the equations seem to be wrong, and at some where they seem 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -16,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from twin.core import compute_device, spatial
+from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.kinematics.closed_loops import ClosedStates, LoopSolver
@@ -159,7 +159,7 @@ class SampledRange:
     model: ReferenceModel
     tolerances: Tolerances
 
-    def judge(self, samples: int, progress: Callable[[str, float], None]) -> RangeSamples:
+    def judge(self, samples: int, progress: Progress) -> RangeSamples:
         """Return the comparison at `samples` states; always the same states for the same number."""
         tallies = {key: _Tally() for key in self._stages()}
         possible_count = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +17,10 @@ from twin.api.robot_loading import load
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.jobs import Call
+from twin.core.progress import Progress, silent
 
 SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "timing": 20}
 """Number of faults of each family if the total is the default; other totals are divided in the same proportion."""
-
-Progress = Callable[[str, float], None]
-"""Function that is told what is being done, and the fraction that is done."""
 
 
 def selftest(
@@ -32,7 +30,7 @@ def selftest(
     families: Sequence[Family] = FAMILIES,
     count: int = sum(SHARES.values()),
     seed: int = 0,
-    progress: Progress = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> Score:
     """Return the mutation score of the validator on a robot.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
+from twin.core.progress import Progress
 
 if TYPE_CHECKING:
     from twin.core.result import Result
@@ -50,7 +50,7 @@ def report(file: str, scene: str) -> bytes:
         return (Path(folder) / pages[0]).read_bytes()
 
 
-def _replayed(file: str, scene: str | None, progress: Callable[[str, float], None]) -> Result:
+def _replayed(file: str, scene: str | None, progress: Progress) -> Result:
     """Return the result of a replayed session, of a console or of a procedure."""
     from twin.api.console_runs import replay_session
     from twin.api.procedure import is_procedure, replay_procedure

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import VARIANT, Command, count
 from twin.core.errors import ProtocolError, TwinError
+from twin.core.progress import Progress
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
@@ -116,9 +116,7 @@ def _ways_out(robot: str) -> str:
     return f"If it should be possible, the equations, which plan its motion, may be wrong: judge them by `{command}`."
 
 
-def _proved(
-    robot: Robot, variants: dict[str, str] | None, root: Path, progress: Callable[[str, float], None]
-) -> tuple[Result, Path]:
+def _proved(robot: Robot, variants: dict[str, str] | None, root: Path, progress: Progress) -> tuple[Result, Path]:
     """Prove the claims about the equations in some variants; write the result and return it with its folder."""
     from twin.cli import reports, result_files
     from twin.core import assets

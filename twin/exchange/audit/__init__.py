@@ -51,6 +51,7 @@ import numpy as np
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonMapping
+from twin.core.progress import Progress
 from twin.exchange.audit.file_comparison import (
     Reference,
     compare_clips,
@@ -89,7 +90,6 @@ __all__ = ["SCENE", "AuditReport", "Check", "ExportStatement", "SampledStates", 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
 
-Progress = Callable[[str, float], None]
 """Function called during the audit with the current step, such as "read robot.glb", and the fraction done (0..1)."""
 
 

@@ -17,6 +17,7 @@ from twin.core import assets
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, Kind, by_severity, error, verdict
 from twin.core.json_types import JsonMapping, JsonObject
+from twin.core.progress import Progress
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
@@ -26,7 +27,7 @@ from twin.exchange.format import Holds
 from twin.exchange.formats import export_formats, format_named
 from twin.exchange.write import readme
 from twin.exchange.write.clip import Clip, ClipAccuracy, InterpolationErrors, model_hash
-from twin.exchange.write.order import Order, Progress
+from twin.exchange.write.order import Order
 
 PROOF = "proof.json"
 README = "README.txt"

@@ -17,6 +17,7 @@ from twin.core.assets import RobotFiles
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.findings import Finding, warning
 from twin.core.foreign.once import Read
+from twin.core.progress import Progress
 from twin.core.provenance import DRAWING, AssumedCounts, Parameter, count_assumed
 from twin.core.spatial import Array
 from twin.exchange.write.clip import Clip, ClipAccuracy, make_clip
@@ -27,7 +28,6 @@ from twin.planning.trajectory import Trajectory
 _KINDS = {".toml": "TOML", ".step": "STEP", ".stp": "STEP", ".py": "text"}
 """Format for each suffix of source files whose bytes the robot's reader keeps; bytes of mesh files are not kept."""
 
-Progress = Callable[[str, float], None]
 Plan = Callable[..., Trajectory]
 """Function (robot, protocol, progress) that returns the planned trajectory."""
 

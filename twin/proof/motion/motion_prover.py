@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.core.errors import TwinError
+from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.proof.motion import value_groups as groups
@@ -178,7 +179,7 @@ def prove_motion(
     mechanism: Mechanism,
     path: TimedPath,
     states: States,
-    progress: Callable[[str, float], None] = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> MotionProof:
     """Return the claims about the motion of a mechanism along a timed path.
 

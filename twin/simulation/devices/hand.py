@@ -8,13 +8,14 @@ its users, but no hand motions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.errors import KinematicsError
+from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
@@ -108,7 +109,7 @@ class ScriptedHand(Block):
         scale: ArrayLike,
         period: float,
         seed: int = 0,
-        progress: Callable[[str, float], None] | None = None,
+        progress: Progress | None = None,
     ) -> None:
         """Connect to a robot.
 

@@ -13,7 +13,7 @@ the true joint values at the ticks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -22,6 +22,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
+from twin.core.progress import StepProgress, silent_step
 from twin.core.spatial import Array
 from twin.reference.dynamics import Dynamics, SharedLoops
 from twin.reference.loops import LENGTH_SCALE
@@ -225,7 +226,7 @@ def run(
     arm: Arm,
     motion: DesiredMotion,
     conditions: Conditions = Conditions(),
-    progress: Callable[[float], None] = lambda part: None,
+    progress: StepProgress = silent_step,
 ) -> Run:
     """Simulate the robot under computed-torque control along a motion; return errors and efforts.
 
@@ -238,7 +239,7 @@ def side_by_side(
     arm: Arm,
     motion: DesiredMotion,
     conditions: Sequence[Conditions],
-    progress: Callable[[float], None] = lambda part: None,
+    progress: StepProgress = silent_step,
 ) -> list[Run]:
     """Simulate the robot under several conditions, tick by tick together; return a run for each of them.
 
@@ -402,7 +403,7 @@ def curve(
     motion: DesiredMotion,
     fractions: Sequence[float],
     conditions: Conditions = Conditions(),
-    progress: Callable[[float], None] = lambda part: None,
+    progress: StepProgress = silent_step,
 ) -> list[Run]:
     """Return one run for each inertia error in `fractions`; the other conditions are unchanged."""
     changed = []

@@ -13,7 +13,7 @@ defined in cad/raven_left/campaigns/trends.toml.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -24,6 +24,7 @@ from pydantic import Field
 from twin.core.errors import DescriptionError, unknown
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
+from twin.core.progress import Progress
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, error_at, load_toml
@@ -267,7 +268,7 @@ class Trends(Result):
         yield "  ASSUMED motions of the hand and stuck values: not published"
 
 
-def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str, float], None]) -> Trends:
+def trends(robot: str, parts: Parts, table: TrendsTable, progress: Progress) -> Trends:
     """Run both experiments, which takes about 60 s of processor time.
 
     Raises:

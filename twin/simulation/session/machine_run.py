@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.core.errors import DeviceError
+from twin.core.progress import Progress
 from twin.simulation import console_scene
 from twin.simulation.devices.combined_devices import CombinedDevices
 from twin.simulation.devices.machine_states import MachineStates
@@ -17,7 +18,7 @@ from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.packet_exchange import Exchange
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session.session_file import SessionWriter
-from twin.simulation.session.session_run import Keep, Progress, SessionRun, head_of, kept, seat_of
+from twin.simulation.session.session_run import Keep, SessionRun, head_of, kept, seat_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twin.core.errors import TwinError, WorldError, unknown
+from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.scene import Scene
@@ -74,8 +75,6 @@ _KEPT_KINDS = (
 
 _KEPT_OF = ("console.", f"{PEDALS}.", "surgeon.", "haptics.")
 """Prefixes of the names of signals that are kept."""
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

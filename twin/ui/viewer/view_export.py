@@ -10,6 +10,7 @@ import viser
 
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.progress import StepProgress, silent_step
 from twin.ui.viewer.front import Front
 
 TURN = 36
@@ -69,7 +70,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
     return buffer.getvalue()
 
 
-def page(front: Front, progress: Progress = lambda part: None) -> str:
+def page(front: Front, progress: StepProgress = silent_step) -> str:
     """Return an HTML page that plays the planned protocols without a server; clock and gizmo are restored afterwards.
 
     Raises:

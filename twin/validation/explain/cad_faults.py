@@ -16,6 +16,7 @@ from twin.cad.build import CadModel
 from twin.cad.frame_mismatch import FrameMismatch, Suspect, faults
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
+from twin.core.progress import StepProgress, silent_step
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.reference import ReferenceModel
@@ -93,7 +94,7 @@ def correct(
     formula: Formula,
     cad: CadModel,
     judge_of: Callable[[ReferenceModel], Judge],
-    progress: Callable[[float], None] = lambda f: None,
+    progress: StepProgress = silent_step,
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
@@ -126,7 +127,7 @@ def _corrections(
     cad: CadModel,
     located: Sequence[FrameMismatch],
     judge_of: Callable[[ReferenceModel], Judge],
-    progress: Callable[[float], None],
+    progress: StepProgress,
 ) -> list[_Correction]:
     """Correct combinations of parts, one suspect for each fault, those with the most evidence in the CAD first."""
     suspects_of_faults = [fault.suspects for fault in located]

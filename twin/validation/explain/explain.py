@@ -11,6 +11,7 @@ from pathlib import Path
 from twin.cad.build import CadModel
 from twin.core.errors import TwinError
 from twin.core.findings import Verdict
+from twin.core.progress import Progress, silent
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
@@ -26,7 +27,7 @@ from twin.validation.explain.explanation_data import Repair, WrongRow
 from twin.validation.explain.explanation_repairs import repair
 from twin.validation.explain.explanation_rows import wrong_margin, wrong_row
 from twin.validation.explain.invariants import invariants
-from twin.validation.explain.judged_states import Progress, judge_over_range, sample_states, sampled_values
+from twin.validation.explain.judged_states import judge_over_range, sample_states, sampled_values
 from twin.validation.explain.noise_limits import limits
 from twin.validation.explain.parameter_coincidences import coincidences, condition
 from twin.validation.explain.possible_fixes import possible_fixes
@@ -76,7 +77,7 @@ def explain(
     options: ExplainOptions | None = None,
     reference: ReferenceValues | None = None,
     cad: CadModel | None = None,
-    progress: Progress = lambda label, fraction: None,
+    progress: Progress = silent,
 ) -> Explanation:
     """Explain where and why a formula disagrees with a mechanism, and find edits after which they agree.
 

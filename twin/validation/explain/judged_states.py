@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from twin.core.errors import AssemblyError, TwinError
+from twin.core.progress import Progress, StepProgress, silent, silent_step
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.kinematics import Kinematics, compile_formula
@@ -52,7 +53,7 @@ def sample_states(
     model: ReferenceModel,
     samples: int = SAMPLES,
     seed: int = 7,
-    progress: Callable[[float], None] = lambda f: None,
+    progress: StepProgress = silent_step,
     regular: bool = False,
 ) -> SolvedSamples:
     """Return states of the mechanism around its first `_POSTURES` postures (without postures: around the rest poses).
@@ -139,9 +140,6 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
         return states
 
 
-Progress = Callable[[str, float], None]
-"""Called with a description of the current step and the fraction done."""
-
 _MOST_OF_EACH = 12
 """Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
 
@@ -150,7 +148,7 @@ def sampled_values(
     formula: Formula,
     model: ReferenceModel,
     parameters: Mapping[str, float] | None = None,
-    progress: Progress = lambda label, fraction: None,
+    progress: Progress = silent,
     variants: Mapping[str, str] | str | None = None,
 ) -> ReferenceValues:
     """Return the mechanism's values of the formula's symbols at sampled poses.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from twin.core.errors import TwinError
+from twin.core.progress import Progress
 from twin.reference import ReferenceModel
 from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.conventions import conventions, general
@@ -19,7 +20,7 @@ from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation_data import Convention, FittedParameters
 from twin.validation.explain.explanation_repairs import edit_phrase
 from twin.validation.explain.explanation_rows import row_name
-from twin.validation.explain.judged_states import Progress, sample_states
+from twin.validation.explain.judged_states import sample_states
 from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, trial_residuals, worst

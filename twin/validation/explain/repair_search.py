@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from twin.core.progress import StepProgress, silent_step
 from twin.validation.explain.candidate import CALLS, FORMS, MULTI_TOKEN, OPERATORS, TOKENS, Candidate, GroupResult
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
@@ -75,7 +76,7 @@ class RepairSearch(Trials):
     def __init__(
         self,
         judge: Judge,
-        progress: Callable[[float], None] = lambda f: None,
+        progress: StepProgress = silent_step,
         deadline: Deadline | None = None,
     ) -> None:
         """Set up a search for the wrong rows of `judge`; `deadline`: limit of the whole search, None: no limit."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
+from twin.core.progress import StepProgress
 from twin.validation.explain.candidate import Candidate
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
@@ -34,9 +35,7 @@ class SingleEdits:
         refuted: places of expressions in which no single edit can repair a row.
     """
 
-    def __init__(
-        self, trials: Trials, pair_search: PairSearch, deadline: Deadline, progress: Callable[[float], None]
-    ) -> None:
+    def __init__(self, trials: Trials, pair_search: PairSearch, deadline: Deadline, progress: StepProgress) -> None:
         """Set up for the wrong rows of `trials`; `deadline`: limit of the whole search."""
         self.trials = trials
         self.judge = trials.judge

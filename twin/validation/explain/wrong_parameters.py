@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from twin.core.progress import StepProgress, silent_step
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
@@ -49,7 +50,7 @@ _LEAST_PIVOT = 1e-7
 
 def identify(
     judge: Judge,
-    progress: Callable[[float], None] = lambda f: None,
+    progress: StepProgress = silent_step,
     noise: float = 0.0,
     alone: bool = False,
     deadline: Deadline | None = None,

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from twin.core.errors import WorldError
+from twin.core.progress import Progress
 from twin.simulation import console_scene, operating_scene, procedure_scene
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.session import session_file
 from twin.simulation.session.session_file import Session, SessionWriter
-from twin.simulation.session.session_run import Keep, Progress, SessionRun, head_of, repeat
+from twin.simulation.session.session_run import Keep, SessionRun, head_of, repeat
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
