@@ -16,8 +16,8 @@ from twin.planning.protocol.tables import ProtocolTable
 from twin.schema import json_schema
 from twin.schema.result_schema import ResultTable
 from twin.schema.track import Track
-from twin.simulation.hazards.campaign import CampaignTable
-from twin.simulation.hazards.trends import TrendsTable
+from twin.simulation.campaigns.campaign_table import CampaignTable
+from twin.simulation.campaigns.trends_table import TrendsTable
 from twin.simulation.machine.settings import Settings
 from twin.simulation.session.session_file import Head as SessionHead
 from twin.simulation.world.recording import RecordingHead

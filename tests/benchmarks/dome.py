@@ -25,7 +25,8 @@ from twin.planning.timing import time_path
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
-from twin.simulation.machine.motor_plant import MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import Physics
 
 SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([2.4, 2.4, 0.24, 2.4, 2.4, 2.4, 2.4])
 

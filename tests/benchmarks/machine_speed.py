@@ -18,9 +18,9 @@ import numpy as np
 
 import twin
 from twin.api.machine import machine_parts
-from twin.simulation.hazards.packet_hand import Hand, wander
+from twin.simulation.campaigns.packet_hand import Hand, wander
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.simulated_machine import Machine
 
 ARMS, RUN, HOMED = ("raven_left", "raven_right"), 200, 100

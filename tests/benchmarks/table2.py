@@ -35,7 +35,8 @@ from twin.reference import ReferenceModel, inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.gravity_compensation import holding
-from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
 
 CLEARANCE = 0.1 * MM
 """Required distance in the search: as near to none as its tests allow."""

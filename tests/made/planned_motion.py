@@ -10,7 +10,8 @@ from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.gravity_compensation import compensation
-from twin.simulation.machine.motor_plant import MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import Physics
 from twin.simulation.machine.servo import Servo
 from twin.simulation.machine.settings import Settings
 

@@ -13,7 +13,8 @@ from twin.core.units import DEG
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine.cable_plant import CablePlant, Cables
-from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
 
 HOME = np.array([30 * DEG, 90 * DEG, 0.4, 0, 0, 0, 0])
 SOFT = Cables(

@@ -23,16 +23,22 @@ from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, 
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError, TwinError
-from twin.simulation.hazards.attacked_session import AttackedSession, Outcome, SessionRunner
-from twin.simulation.hazards.campaign import FREE, load
-from twin.simulation.hazards.campaign_log import Log
-from twin.simulation.hazards.detection import Adaptive
+from twin.core.spatial import pose
+from twin.simulation.campaigns.adaptive_limit import AdaptiveLimit
+from twin.simulation.campaigns.attacked_session import AttackedSession, Outcome, SessionRunner
+from twin.simulation.campaigns.campaign import load
+from twin.simulation.campaigns.campaign_log import Log
+from twin.simulation.campaigns.campaign_table import FREE
+from twin.simulation.campaigns.hazard_trainee import Reaction
+from twin.simulation.campaigns.roc import curves
+from twin.simulation.campaigns.summary import Hazards
+from twin.simulation.campaigns.traced_run import SETTLED
+from twin.simulation.campaigns.trends import trends, with_cables, with_servo
+from twin.simulation.campaigns.trends_table import HandTable
+from twin.simulation.campaigns.trends_table import load as load_trends
+from twin.simulation.campaigns.unbraked_deviation import UnbrakedDeviation
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.roc import curves
-from twin.simulation.hazards.summary import Hazards
-from twin.simulation.hazards.trainee import Reaction
-from twin.simulation.hazards.trends import HandTable, trends, with_cables, with_servo
-from twin.simulation.hazards.trends import load as load_trends
+from twin.simulation.machine.levels import Level
 from twin.simulation.machine.simulated_machine import LOCATIONS
 from twin.ui.report.report_folder import write_result
 
@@ -47,7 +53,7 @@ def parts():
 
 @pytest.fixture(scope="module")
 def runner(parts):
-    return SessionRunner(parts, Adaptive(1e-4, 3.3e-3))
+    return SessionRunner(parts, AdaptiveLimit(1e-4, 3.3e-3))
 
 
 @pytest.fixture(scope="module")
@@ -321,6 +327,43 @@ def test_a_trainee_without_an_event_does_nothing(runner):
     assert runner.respond(session(length=10), Reaction(0.3, 0.5, 0.2)) is None
 
 
+class StubPair:
+    """Machine and model in one coordinate: their tips are at x in m, and the machine is at a run level."""
+
+    def __init__(self):
+        self.machine = SimpleNamespace(plant=SimpleNamespace(q=0.0), plc=SimpleNamespace(level=Level.PEDAL_UP))
+        self.model = SimpleNamespace(plant=SimpleNamespace(q=0.0))
+
+    def at(self, level, machine, model):
+        self.machine.plc.level = level
+        self.machine.plant.q = machine
+        self.model.plant.q = model
+
+
+def test_the_deviation_counts_only_while_no_brake_holds_the_arm():
+    pair = StubPair()
+    deviation = UnbrakedDeviation(pair, lambda x: pose(p=[x, 0, 0]))
+
+    def step(level, machine, model, ticks=1):
+        pair.at(level, machine, model)
+        for _ in range(ticks):
+            deviation.step()
+        return deviation.peak
+
+    assert step(Level.PEDAL_UP, 0.05, 0.0) == 0, "it has not followed yet"
+    assert step(Level.PEDAL_DN, 0.001, 0.0) == pytest.approx(1)
+    # after a stop, the machine drops: its tip is compared with that of the model at the stop, not with the present one
+    assert step(Level.E_STOP, 0.002, 0.009) == pytest.approx(2)
+    step(Level.E_STOP, 0.002, 0.009, ticks=SETTLED - 2)
+    assert step(Level.E_STOP, 0.05, 0.0) == pytest.approx(2), "the brakes hold the arm by now"
+    deviation.restart()
+    assert step(Level.PEDAL_UP, 0.05, 0.0) == pytest.approx(2), "it has not followed since the restart"
+    # the tips are 10 mm apart after the restart, which is not counted
+    assert step(Level.PEDAL_DN, 0.01, 0.0) == pytest.approx(2)
+    assert step(Level.PEDAL_DN, 0.014, 0.001) == pytest.approx(3)
+    assert step(Level.E_STOP, 0.016, 0.0) == pytest.approx(5)
+
+
 def row(index, kind, **more):
     none = dict.fromkeys(("harm", "jump", "beyond", "cue", "adaptive", "stop", "response"))
     scores = {"peak": 0.1, "residual": 0.1, "ratio": 0.2, "seen": 0.1, "seen_ratio": 0.2}
@@ -378,7 +421,7 @@ def test_a_roc_curve_has_known_points():
 
 def test_the_adaptive_limit_grows_with_the_speed():
     tips = np.outer(np.arange(1000) * 1e-3 * 0.01, [1.0, 0, 0])  # 10 mm/s
-    limits = Adaptive(1e-4, 0.02).limits(tips)
+    limits = AdaptiveLimit(1e-4, 0.02).limits(tips)
     assert limits[0] == pytest.approx(1e-4)
     assert limits[-1] == pytest.approx(1e-4 + 0.02 * 0.01)
     assert (np.diff(limits) >= -1e-15).all()

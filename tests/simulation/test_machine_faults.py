@@ -11,12 +11,12 @@ import twin
 from twin.api.machine import machine, machine_parts
 from twin.cli import main
 from twin.core.errors import MechanismError, TwinError, WorldError
+from twin.simulation.campaigns.packet_hand import Hand, circle, wander
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.packet_hand import Hand, circle, wander
 from twin.simulation.machine import settings as tables
 from twin.simulation.machine.itp import pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.servo import Servo
 from twin.simulation.machine.simulated_machine import LOCATIONS, Parts
 from twin.simulation.machine.stability import _tick, require_stable

@@ -25,7 +25,8 @@ from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.itp import pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.loop_plant import FARTHEST, JAM, LoopPlant
-from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
 
 STILL = np.array([0, 0, 0, 1.0, 0, 0, 0, 0, 1])
 """A packet with the pedal down, without motion."""

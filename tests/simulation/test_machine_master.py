@@ -11,7 +11,7 @@ from twin.core import spatial
 from twin.core.units import MM
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_master import MachineMaster
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.state_packets import State
 
 pytestmark = pytest.mark.slow

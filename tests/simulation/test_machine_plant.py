@@ -22,7 +22,8 @@ from twin.simulation.machine import settings
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.gravity_compensation import compensation, holding
-from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
 from twin.simulation.machine.servo import Servo
 
 DATA = tomllib.loads((Path(__file__).parents[1] / "data/raven.toml").read_text())

@@ -24,11 +24,11 @@ from twin.core.progress import Progress, silent
 from twin.core.provenance import Parameter
 
 if TYPE_CHECKING:
-    from twin.simulation.hazards.attacked_session import SessionRunner
-    from twin.simulation.hazards.campaign import Campaign
-    from twin.simulation.hazards.campaign_log import Log
-    from twin.simulation.hazards.summary import Hazards
-    from twin.simulation.hazards.trends import Trends
+    from twin.simulation.campaigns.attacked_session import SessionRunner
+    from twin.simulation.campaigns.campaign import Campaign
+    from twin.simulation.campaigns.campaign_log import Log
+    from twin.simulation.campaigns.summary import Hazards
+    from twin.simulation.campaigns.trends_result import Trends
     from twin.simulation.machine.settings import Mode, Policy
     from twin.simulation.machine.simulated_machine import Parts
 
@@ -96,8 +96,8 @@ def hazards(
         TwinError: a file is missing or malformed, a fault has an unknown target, the log belongs to another campaign,
             or the robot is not as its files describe it: the processes of the campaign load the files.
     """
-    from twin.simulation.hazards.campaign import load as load_campaign
-    from twin.simulation.hazards.summary import Hazards
+    from twin.simulation.campaigns.campaign import load as load_campaign
+    from twin.simulation.campaigns.summary import Hazards
 
     filed_source = name_or_path(robot)
     parts = software.parts(robot)
@@ -197,7 +197,7 @@ def _resume_advice(log: Log) -> str:
 
 def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:
     """Open or create a campaign's log in a folder; raise `TwinError` if the log has sessions of another campaign."""
-    from twin.simulation.hazards.campaign_log import Log
+    from twin.simulation.campaigns.campaign_log import Log
 
     settings = parts.settings
     head = {
@@ -224,7 +224,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
     Raises:
         OutputError: a session in the log has an index or a fault that the campaign does not have, or lacks a value.
     """
-    from twin.simulation.hazards.attacked_session import Outcome
+    from twin.simulation.campaigns.attacked_session import Outcome
 
     required = {"response"}
     for field in fields(Outcome):
@@ -256,7 +256,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
 
 def outcomes(share: Share) -> Iterator[JsonObject]:
     """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
-    from twin.simulation.hazards.attacked_session import AttackedSession
+    from twin.simulation.campaigns.attacked_session import AttackedSession
 
     plan, runner = _session_runner(share.robot, share.campaign, share.software)
     for index in share.indices:
@@ -277,19 +277,19 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
 @lru_cache(maxsize=1)
 def _session_runner(robot: str, campaign: str, software: Software) -> tuple[Campaign, SessionRunner]:
     """Return the campaign, and the runner of its sessions; each process creates both only once."""
-    from twin.simulation.hazards.attacked_session import SessionRunner
-    from twin.simulation.hazards.campaign import load as load_campaign
+    from twin.simulation.campaigns.attacked_session import SessionRunner
+    from twin.simulation.campaigns.campaign import load as load_campaign
 
     parts = software.parts(load(robot))
     plan = load_campaign(Path(campaign), parts.places)
-    return plan, SessionRunner(parts, plan.adaptive)
+    return plan, SessionRunner(parts, plan.adaptive_limit)
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:
     """Measure, in two experiments, how far the model in the control software deviates from the machine.
 
     The first experiment varies the motion scale; in the second, a motor command is stuck every 8 s. The experiments
-    repeat sections 3.1 and 3.2.1 of the paper that `twin.simulation.hazards.trends` names.
+    repeat sections 3.1 and 3.2.1 of the paper that `twin.simulation.campaigns.trends` names.
 
     Args:
         robot: a robot with machine.toml.
@@ -299,8 +299,8 @@ def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress =
     Raises:
         TwinError: see `machine_parts`; or the robot's file `campaigns/trends.toml` is missing or malformed.
     """
-    from twin.simulation.hazards.trends import load as load_trends
-    from twin.simulation.hazards.trends import trends
+    from twin.simulation.campaigns.trends import trends
+    from twin.simulation.campaigns.trends_table import load as load_trends
 
     table = load_trends(campaign_file(robot, TRENDS))
     return trends(robot.name, software.parts(robot), table, progress)

@@ -42,8 +42,9 @@ class Fault(Hazard):
     value: ArrayLike = 0.0
     target: int | list[int] | None = None
     counts: bool = False
-    _kept: Array | None = field(default=None, repr=False)
-    _past: deque[Array] = field(default_factory=deque, repr=False)
+    # state, for which a fault can be used only once: the last value before "hold", and the latest values for "delay"
+    _last_faultless: Array | None = field(default=None, repr=False)
+    _recent: deque[Array] = field(default_factory=deque, repr=False)
 
     def __post_init__(self) -> None:
         if self.operation not in get_args(Operation):
@@ -52,57 +53,62 @@ class Fault(Hazard):
             raise WorldError(
                 f"fault of {self.signal}: its stop is {self.stop:g}; it must be after its start, {self.start:g}"
             )
-        steps = np.asarray(self.value, float)
-        if not np.isfinite(steps).all():
+        value = np.asarray(self.value, float)
+        if not np.isfinite(value).all():
             raise WorldError(f"fault of {self.signal}: the value is {self.value}; it must be finite")
-        if self.operation == "delay" and not (steps.ndim == 0 and steps >= 1 and float(steps).is_integer()):
+        is_step_count = value.ndim == 0 and value >= 1 and float(value).is_integer()
+        if self.operation == "delay" and not is_step_count:
             raise WorldError(f"fault of {self.signal}: a delay of {self.value} steps; give a whole number above 0")
 
     def copies(self, t: float) -> int:
         """Return how many times the value at t arrives: 0 (lost), 1 or 2."""
-        if not self._acts(t):
+        if not self._is_active(t):
             return 1
         return {"skip": 0, "duplicate": 2}.get(self.operation, 1)
 
     def change(self, t: float, value: Array) -> Array:
-        """Return the value that readers of the signal get at t instead of `value` (n,)."""
-        acts = self._acts(t)
+        """Return the value that readers of the signal get at t instead of `value` (n,).
+
+        It must be called in each step of the signal, also before the fault: "hold" and "delay" remember values.
+        """
+        is_active = self._is_active(t)
         # before the fault, too: it shows values from before its start
         if self.operation == "delay":
-            self._past.append(value.copy())
-            if len(self._past) > int(np.asarray(self.value)) + 1:
-                self._past.popleft()
-        if self.operation == "hold" and (self._kept is None or not acts):
-            self._kept = value.copy()
+            self._recent.append(value.copy())
+            if len(self._recent) > int(np.asarray(self.value)) + 1:
+                self._recent.popleft()
+        if self.operation == "hold" and (self._last_faultless is None or not is_active):
+            self._last_faultless = value.copy()
         remains = self.operation == "add_once" and t >= self.stop
-        if not (acts or remains):
+        if not (is_active or remains):
             return value
         if np.shape(self.value) not in ((), value.shape):
             raise WorldError(
                 f"fault of {self.signal}: {np.size(self.value)} values for a signal of {len(value)} numbers"
             )
-        wrong = self._wrong(value)
+        faulty = self._faulty(value)
         if self.target is None:
-            return wrong
+            return faulty
         changed = value.copy()
         try:
-            changed[self.target] = wrong[self.target]
+            changed[self.target] = faulty[self.target]
         except IndexError as error:
             text = f"target {self.target} is outside a signal of {len(value)} numbers"
             raise WorldError(f"fault of {self.signal}: {text}") from error
         return changed
 
-    def _acts(self, t: float) -> bool:
+    def _is_active(self, t: float) -> bool:
         return self.start <= t < self.stop
 
-    def _wrong(self, value: Array) -> Array:
+    def _faulty(self, value: Array) -> Array:
+        """Return the value (n,) as the operation changes it, for all numbers of the signal."""
         if self.operation == "hold":
-            assert self._kept is not None
-            return self._kept
+            assert self._last_faultless is not None
+            return self._last_faultless
         if self.operation == "overwrite":
             return np.broadcast_to(np.asarray(self.value, float), value.shape)
         if self.operation == "delay":
-            return self._past[0]
+            return self._recent[0]
         if self.operation in ("skip", "duplicate"):  # see `copies`; the content of the packet stays
             return value
         return value + np.asarray(self.value, float)

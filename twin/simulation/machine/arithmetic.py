@@ -21,7 +21,7 @@ import numpy as np
 from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.settings import Settings
 
 

@@ -6,9 +6,9 @@
 p = T m are the joint values that the motors would give without cables; encoders on the motors measure them, so that
 the control software does not see how far the links q are behind. g is the stretch of a cable: 0 within its play, and
 beyond it the difference to the nearest limit of the play; K is the stiffness, D the damping, which acts only while the
-cable pulls. The other symbols are those of `motor_plant`. One tick is one step of the implicit Euler method for viscous
+cable pulls. The other symbols are those of `tick_kernel`. One tick is one step of the implicit Euler method for viscous
 friction and cables, and of the semi-implicit Euler method for the other terms. Coulomb friction is computed as in
-`motor_plant`, for links and motors. Cables that are stiff and without play give the motion of `MotorPlant`.
+`tick_kernel`, for links and motors. Cables that are stiff and without play give the motion of `MotorPlant`.
 """
 
 from __future__ import annotations
@@ -24,15 +24,9 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.equations_of_motion import motion
-from twin.simulation.machine.motor_plant import (
-    SWEEPS,
-    TICK,
-    MotorPlant,
-    Physics,
-    kernel_of_tick,
-    symmetric_inverse,
-    with_coulomb_friction,
-)
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
+from twin.simulation.machine.tick_kernel import SWEEPS, kernel_of_tick, symmetric_inverse, with_coulomb_friction
 
 
 @dataclass(frozen=True)

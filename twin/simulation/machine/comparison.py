@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.simulated_machine import Parts
 
 

@@ -1,4 +1,4 @@
-"""Simulate motors and links of a machine with closed loops: the compiled tick of `motor_plant`, then the loops close.
+"""Simulate motors and links of a machine with closed loops: a compiled tick (`tick_kernel`), then the loops close.
 
 After a tick, Newton's method closes the loops at the new values of the active joints. Two carriages on one rail that
 would come closer than their minimum distance touch instead: they go on with their mean rate, without rebound; at a hard
@@ -19,7 +19,9 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.simulation.dynamics.arm import Arm
-from twin.simulation.machine.motor_plant import MotorPlant, Physics, tick_kernel
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import Physics
+from twin.simulation.machine.tick_kernel import tick_kernel
 
 JAM = 0.02
 """Margin of the loops (see `ClosedStates`) down to which the linkage moves (ASSUMED); 0 is a singularity."""

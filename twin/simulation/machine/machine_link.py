@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from twin.core.errors import DeviceError
 from twin.simulation.machine.machine_server import HOST
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.state_packets import State, size, unpack
 
 PATIENCE = 0.5

@@ -19,7 +19,7 @@ from twin.simulation.controllers.trainer import Smooth, TrainerLimits
 from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import MachineLink
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.settings import NAME
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.machine.state_packets import State

@@ -18,7 +18,7 @@ import numpy as np
 
 from twin.core.errors import DeviceError
 from twin.simulation.machine.itp import PACKET
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.simulated_machine import Machine
 from twin.simulation.machine.state_packets import State, pack
 

@@ -37,7 +37,8 @@ from twin.simulation.machine.gravity_compensation import GravityEfforts, LoopHol
 from twin.simulation.machine.itp import FIELDS, Packet
 from twin.simulation.machine.levels import Level, Plc, Reader
 from twin.simulation.machine.loop_plant import LoopPlant
-from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
+from twin.simulation.machine.motor_plant import MotorPlant
+from twin.simulation.machine.physics import TICK, Physics
 from twin.simulation.machine.receiver import Receiver
 from twin.simulation.machine.servo import Servo
 from twin.simulation.machine.settings import Settings

@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.settings import Motor, Settings
 
 _MOST = 1 + 1e-6

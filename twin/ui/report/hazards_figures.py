@@ -9,10 +9,10 @@ import numpy as np
 
 from twin.core.format import count
 from twin.core.json_types import JsonMapping
+from twin.simulation.campaigns.attacked_session import HARM
+from twin.simulation.campaigns.roc import dangerous, in_time
+from twin.simulation.campaigns.summary import Hazards
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.hazards.attacked_session import HARM
-from twin.simulation.hazards.roc import dangerous, in_time
-from twin.simulation.hazards.summary import Hazards
 from twin.ui.report.style import BAND, INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:

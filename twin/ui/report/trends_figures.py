@@ -1,4 +1,4 @@
-"""Draw the published experiments of `twin.simulation.hazards.trends`: deviation of the tips from the model.
+"""Draw the published experiments of `twin.simulation.campaigns.trends`: deviation of the tips from the model.
 
 The deviation is drawn as a function of the motion scale and, for stuck motor commands, over time.
 """
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.simulation.hazards.trends import PUBLISHED, ScaleRow, Trends
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.campaigns.trends_result import PUBLISHED, ScaleRow, Trends
+from twin.simulation.machine.physics import TICK
 from twin.ui.report.plot_data import thin
 from twin.ui.report.style import INK, PALETTE, sheet, styled
 

@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.machine.state_packets import State
 

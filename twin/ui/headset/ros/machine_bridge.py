@@ -24,7 +24,7 @@ from twin.simulation.devices.packets import grip_angle, handle_pose
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.state_packets import State
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.ros.bridge import RosBridge

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.simulation.campaigns.packet_hand import Hand
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.packet_hand import Hand
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.motor_plant import TICK, Physics
+from twin.simulation.machine.physics import TICK, Physics
 from twin.simulation.machine.simulated_machine import Machine, Parts
 
 HOMED = 100
@@ -26,7 +26,7 @@ class Trace:
     """Record of a run from the first packet on.
 
     Attributes:
-        q, measured: (k, n) true joint values, and joint values that the encoders measure.
+        q, measured: (k, n) true joint values, and joint values that the encoders measure; row i is after packet i + 1.
         levels, read: (k,) run levels of the PLC, and run levels as the software reads them.
         machine: the machine after the run.
     """
@@ -67,8 +67,8 @@ class TracedRun:
         for tick in range(1, HOMED + 1):
             self.machine.step(tick * TICK)
 
-    def extend(self, packets: int, settled: int) -> None:
-        """Run until `packets` packets are sent, or after a stop, until the arm rests and `settled` packets are sent."""
+    def extend(self, packets: int, least_packets: int) -> None:
+        """Run until `packets` are sent in all; after a stop, until the arm rests and `least_packets` are sent."""
         machine = self.machine
         for number in range(len(self._q) + 1, packets + 1):
             packet = self._hand.packet(number)
@@ -81,7 +81,7 @@ class TracedRun:
                 self._ticks_stopped += 1
             else:
                 self._ticks_stopped = 0
-            if self._ticks_stopped > SETTLED and number >= settled:
+            if self._ticks_stopped > SETTLED and number >= least_packets:
                 break
 
     @property
@@ -97,18 +97,24 @@ class TracedRun:
 
 
 def trace(
-    parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
+    parts: Parts,
+    hand: Hand,
+    packets: int,
+    least_packets: int,
+    physics: Physics | None = None,
+    faults: Sequence[Fault] = (),
 ) -> Trace:
-    """Return the record of a machine that receives packets of a hand; `packets`, `settled`: see `TracedRun.extend`."""
+    """Return the record of a machine that receives packets of a hand; see `TracedRun` and `TracedRun.extend`."""
     run = TracedRun(parts, hand, physics, faults)
-    run.extend(packets, settled)
+    run.extend(packets, least_packets)
     return run.trace
 
 
 def held_at_stop(model_tips: Array, record: Trace) -> Array:
     """Return tips (k, 3) of the model for comparison with a machine: from its stop on, the model's tip at the stop."""
     tips = model_tips.copy()
-    stopped = record.levels == Level.E_STOP
-    if stopped.any():
-        tips[stopped] = tips[int(np.argmax(stopped))]
+    is_stopped = record.levels == Level.E_STOP
+    if is_stopped.any():
+        first_stopped_row = int(np.argmax(is_stopped))
+        tips[is_stopped] = tips[first_stopped_row]
     return tips

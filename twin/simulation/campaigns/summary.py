@@ -11,13 +11,14 @@ import numpy as np
 from twin.core.findings import Finding, disagreement, warning
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, TextTable
+from twin.simulation.campaigns.attacked_session import HARM
+from twin.simulation.campaigns.campaign_table import FREE, CampaignTable, Scenario
+from twin.simulation.campaigns.roc import Roc, curves, dangerous, in_time
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.hazards.attacked_session import HARM
-from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
-from twin.simulation.hazards.roc import Roc, curves, dangerous, in_time
 from twin.simulation.machine.simulated_machine import LOCATIONS
 
 Row = JsonMapping
+"""Line of the log: the attributes of a `DrawnSession` and of its `Outcome`; as "response" a `Response`, or None."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,9 @@ class Hazards(Result):
         for name, rows in self.by_class.items():
             if name in class_by_name:
                 fault = class_by_name[name]
-                results.append(_row(name, fault.scenario, LOCATIONS[fault.signal], rows))
+                results.append(_class_row(name, fault.scenario, LOCATIONS[fault.signal], rows))
             else:
-                results.append(_row(name, "", "", rows))
+                results.append(_class_row(name, "", "", rows))
         return results
 
     @cached_property
@@ -155,7 +156,7 @@ class Hazards(Result):
                 if row["response"] is not None:
                     noticed.append(row)
             if noticed:
-                results.append(_responses(name, noticed, scenario_of.get(name)))
+                results.append(_response_row(name, noticed, scenario_of.get(name)))
         return results
 
     @cached_property
@@ -167,12 +168,13 @@ class Hazards(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Findings on cues without a fault, and on missing sessions."""
         findings = []
-        false = []
+        false_cues = []
         for row in self.rows:
             if row["kind"] == FREE and row["cue"] is not None:
-                false.append(row["index"])
-        if false:
-            findings.append(disagreement("hazards.false", self.robot, f"a cue without a fault in sessions {false[:5]}"))
+                false_cues.append(row["index"])
+        if false_cues:
+            text = f"a cue without a fault in sessions {false_cues[:5]}"
+            findings.append(disagreement("hazards.false", self.robot, text))
         if len(self.rows) < self.expected:
             progress = f"{len(self.rows)} of {self.expected} sessions are done"
             resume = "run the same command again to resume"
@@ -226,9 +228,9 @@ class Hazards(Result):
         outcomes = []
         detections = []
         for row in self.classes:
-            outcomes.append(_outcome(row))
+            outcomes.append(_outcome_cells(row))
             if row.danger or row.jumped:  # in the other classes, there was nothing to detect
-                detections.append(_detection(row))
+                detections.append(_detection_cells(row))
         yield "\nOutcome without a response (sessions)"
         head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
         yield TextTable((*head, "peak p50 mm", "max mm", "cue ms p95"), outcomes)
@@ -240,13 +242,16 @@ class Hazards(Result):
         if self.responses:
             yield "\nResponses of the scripted trainee (medians)"
             head = ("class", "sessions", "noticed ms", "acted ms", "peak mm", "without", f"> {HARM:g} mm")
-            yield TextTable((*head, "performed", "works again", "converted"), list(map(_response, self.responses)))
+            yield TextTable(
+                (*head, "performed", "works again", "converted"), list(map(_response_cells, self.responses))
+            )
         yield ""
         yield from self.assumed
         yield self.word or "No session without a fault has run: false cues cannot be counted"
         yield from self.findings
 
     def _detectors(self) -> Iterator[Part]:
+        """Yield a line for each ROC curve, and one for the checks of the software."""
         for curve in self.roc:
             detected, false = curve.at(curve.limit)
             yield (
@@ -284,10 +289,11 @@ def _first(row: Row, event: str, later_event: str) -> bool:
     return row[later_event] is None or row[later_event] > row[event]
 
 
-def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:
+def _class_row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:
+    """Return the results of the sessions of one class; see the attributes of `ClassRow`."""
     peaks = np.array([row["peak"] for row in rows])
     delays = []
-    unseen = dict.fromkeys(("stop", "cue", "adaptive"), 0)
+    undetected_jumps = dict.fromkeys(("stop", "cue", "adaptive"), 0)
     danger = 0
     stopped_in_time = 0
     seen_adaptive = 0
@@ -295,8 +301,8 @@ def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassR
     for row in rows:
         if row["cue"] is not None and row["beyond"] is not None:
             delays.append(row["cue"] - row["beyond"])
-        for check in unseen:  # a jump counts for each way of detection that comes later or never
-            unseen[check] += _first(row, "jump", check)
+        for event in undetected_jumps:  # a jump counts for each way of detection that comes later or never
+            undetected_jumps[event] += _first(row, "jump", event)
         if dangerous(row):
             danger += 1
             stopped_in_time += in_time(row)
@@ -305,35 +311,36 @@ def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassR
         if row["beyond"] is not None and row["adaptive"] is not None:
             early += row["adaptive"] < row["beyond"]
     return ClassRow(
-        kind,
-        scenario,
-        location,
-        len(rows),
-        _count(rows, "harm"),
-        _count(rows, "beyond"),
-        _count(rows, "cue"),
-        _count(rows, "stop"),
-        float(np.median(peaks)),
-        float(peaks.max()),
-        float(np.percentile(delays, 95)) if delays else None,
-        _count(rows, "jump"),
-        unseen["stop"],
-        unseen["cue"],
-        unseen["adaptive"],
-        danger,
-        stopped_in_time,
-        seen_adaptive,
-        early,
+        kind=kind,
+        scenario=scenario,
+        location=location,
+        sessions=len(rows),
+        harmed=_count(rows, "harm"),
+        beyond=_count(rows, "beyond"),
+        felt=_count(rows, "cue"),
+        stopped=_count(rows, "stop"),
+        peak_p50=float(np.median(peaks)),
+        peak_max=float(peaks.max()),
+        delay=float(np.percentile(delays, 95)) if delays else None,
+        jumped=_count(rows, "jump"),
+        unseen_checks=undetected_jumps["stop"],
+        unseen_fixed=undetected_jumps["cue"],
+        unseen_adaptive=undetected_jumps["adaptive"],
+        danger=danger,
+        in_time=stopped_in_time,
+        seen_adaptive=seen_adaptive,
+        early=early,
     )
 
 
-def _responses(kind: str, rows: Sequence[Row], scenario: Scenario | None) -> ResponseRow:
+def _response_row(kind: str, rows: Sequence[Row], scenario: Scenario | None) -> ResponseRow:
+    """Return the trainee's results in the sessions of one class that have a response; `scenario`: that of the class."""
     peaks_alone = []
     numbers: dict[str, list[float]] = {"noticed": [], "acted": [], "response_peak": []}
     harmed = 0
     works = 0
     converted = 0
-    shares = []
+    performed_shares = []
     for row in rows:
         response = row["response"]
         performed = response["responses"]
@@ -344,22 +351,23 @@ def _responses(kind: str, rows: Sequence[Row], scenario: Scenario | None) -> Res
         works += response["works"]
         converted += "convert" in performed
         if scenario is not None:
-            shares.append(np.mean([name in performed for name in scenario.responses]))
+            performed_shares.append(np.mean([name in performed for name in scenario.responses]))
     return ResponseRow(
-        kind,
-        len(rows),
-        float(np.median(numbers["noticed"])),
-        float(np.median(numbers["acted"])),
-        float(np.median(numbers["response_peak"])),
-        float(np.median(peaks_alone)),
-        harmed,
-        float(np.mean(shares)) if shares else None,
-        works,
-        converted,
+        kind=kind,
+        sessions=len(rows),
+        noticed=float(np.median(numbers["noticed"])),
+        acted=float(np.median(numbers["acted"])),
+        peak=float(np.median(numbers["response_peak"])),
+        peak_alone=float(np.median(peaks_alone)),
+        harmed=harmed,
+        trained=float(np.mean(performed_shares)) if performed_shares else None,
+        works=works,
+        converted=converted,
     )
 
 
-def _outcome(row: ClassRow) -> tuple[str, ...]:
+def _outcome_cells(row: ClassRow) -> tuple[str, ...]:
+    """Return the cells of a row of the table "Outcome without a response"; `Hazards.text` has the heads."""
     delay = "-" if row.delay is None else f"{row.delay:.0f}"
     return (
         row.kind,
@@ -375,7 +383,8 @@ def _outcome(row: ClassRow) -> tuple[str, ...]:
     )
 
 
-def _detection(row: ClassRow) -> tuple[str, ...]:
+def _detection_cells(row: ClassRow) -> tuple[str, ...]:
+    """Return the cells of a row of the table "Detection"; `Hazards.text` has the heads."""
     return (
         row.kind,
         str(row.danger),
@@ -389,7 +398,8 @@ def _detection(row: ClassRow) -> tuple[str, ...]:
     )
 
 
-def _response(row: ResponseRow) -> tuple[str, ...]:
+def _response_cells(row: ResponseRow) -> tuple[str, ...]:
+    """Return the cells of a row of the table "Responses of the scripted trainee"; `Hazards.text` has the heads."""
     trained = "-" if row.trained is None else f"{100 * row.trained:.0f} %"
     return (
         row.kind,

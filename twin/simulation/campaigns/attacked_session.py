@@ -13,31 +13,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.simulation.campaigns.adaptive_limit import AdaptiveLimit
+from twin.simulation.campaigns.hazard_trainee import HazardTrainee, Reaction
+from twin.simulation.campaigns.packet_hand import Hand
+from twin.simulation.campaigns.traced_run import HOMED, SETTLED, Trace, TracedRun, held_at_stop, trace
+from twin.simulation.campaigns.unbraked_deviation import MM_PER_M, UnbrakedDeviation
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.packet_hand import Hand
-from twin.simulation.hazards.traced_run import HOMED, SETTLED, Trace, TracedRun, held_at_stop, trace
-from twin.simulation.hazards.trainee import HazardTrainee, Reaction
-from twin.simulation.hazards.unbraked_deviation import UnbrakedDeviation
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_and_model import MachineAndModel
-from twin.simulation.machine.motor_plant import TICK, Physics
+from twin.simulation.machine.physics import TICK, Physics
 from twin.simulation.machine.simulated_machine import Machine, Parts
 
-_FOLLOWS = 10
+_FIRST_FOLLOWING_PACKET = 10
 """Number of the packet from which the arm is expected to be in PEDAL_DN."""
 
-_AFTER = 300
+_PACKETS_AFTER_FAULT = 300
 """Number of packets after the end of a fault during which the consequences of the fault are recorded."""
 
-_ROUND = 2000
+_MODEL_RUN_STEP = 2000
 """The run of the model is extended to a multiple of this number of packets, so that few extensions are needed."""
 
-_LONGEST = 12.0
+_LONGEST_RESPONSE = 12.0
 """Longest time in s of a session with a trainee."""
-
-_MM = 1e3
 
 HARM = 1.0
 """Distance in mm between the tips of machine and model above which the fault has caused harm."""
@@ -131,18 +129,18 @@ class SessionRunner:
         cue: the equation of the force on the operator's hand.
     """
 
-    def __init__(self, parts: Parts, adaptive: Adaptive) -> None:
-        """Store the compiled parts of the robot; `adaptive`: limit of the deviation, which depends on the speed."""
+    def __init__(self, parts: Parts, adaptive_limit: AdaptiveLimit) -> None:
+        """Store the compiled parts of the robot, and the limit of the deviation that depends on the speed."""
         self._parts = parts
-        self._adaptive = adaptive
+        self._adaptive_limit = adaptive_limit
         self.cue = Cue()
-        # with the trace of each run: to make it anew for every session would take long
+        # for each motion scale, with the trace of the run: to make it anew for every session would take long
         self._model_runs: dict[float, tuple[TracedRun, Trace]] = {}
 
     def run(self, session: AttackedSession) -> Outcome:
         """Return the outcome of a session without a response."""
         start = session.start
-        packets = start + session.length + _AFTER
+        packets = start + session.length + _PACKETS_AFTER_FAULT
         hand = Hand(self._parts.settings, session.scale)
         machine = trace(self._parts, hand, packets, start + SETTLED, self._physics(session), session.faults())
         count = len(machine.q)
@@ -150,38 +148,38 @@ class SessionRunner:
 
         model_tips = self._tips(model.q[:count])
         true_tips = self._tips(machine.q)
-        deviation = np.linalg.norm(true_tips - held_at_stop(model_tips, machine), axis=1) * _MM
+        deviation = np.linalg.norm(true_tips - held_at_stop(model_tips, machine), axis=1) * MM_PER_M
         is_harmful = deviation > HARM
         is_stopped = machine.levels == Level.E_STOP
         harm = _packets_until(is_harmful, start)
         stop = _packets_until(is_stopped, start)
 
         residual, ratio = self._seen_by_software(machine, model)
-        is_forced = residual > self.cue.tol
-        is_not_following = machine.levels[_FOLLOWS:] != Level.PEDAL_DN
+        has_force = residual > self.cue.tol
+        is_not_following = machine.levels[_FIRST_FOLLOWING_PACKET:] != Level.PEDAL_DN
 
-        first = start - 1  # row of the packet `start`, because packet numbers begin at 1
-        end = count
+        fault_row = start - 1  # row of the packet `start`, because packet numbers begin at 1
+        end_row = count  # of the time in which the fault can be detected: until harm or stop
         for event in (harm, stop):
             if event is not None:
-                end = min(end, first + event)
+                end_row = min(end_row, fault_row + event)
         after_run = machine.machine
         return Outcome(
             peak=float(deviation.max()),
             harm=harm,
             jump=_packets_until(_off_path(true_tips, model_tips, is_harmful), start),
             beyond=_packets_until(deviation > self.cue.tol, start),
-            cue=_packets_until(is_forced, start),
+            cue=_packets_until(has_force, start),
             adaptive=_packets_until(ratio > 1, start),
             stop=stop,
             check=after_run.reason if is_stopped.any() else "",
             held=after_run.held,
             refused=after_run.receiver.refused,
-            residual=float(residual[:first].max(initial=0.0)),
-            ratio=float(ratio[:first].max(initial=0.0)),
-            seen=float(residual[first:end].max(initial=0.0)),
-            seen_ratio=float(ratio[first:end].max(initial=0.0)),
-            noticeable=bool(is_forced.any() or is_not_following.any()),
+            residual=float(residual[:fault_row].max(initial=0.0)),
+            ratio=float(ratio[:fault_row].max(initial=0.0)),
+            seen=float(residual[fault_row:end_row].max(initial=0.0)),
+            seen_ratio=float(ratio[fault_row:end_row].max(initial=0.0)),
+            noticeable=bool(has_force.any() or is_not_following.any()),
         )
 
     def _seen_by_software(self, machine: Trace, model: Trace) -> tuple[Array, Array]:
@@ -194,59 +192,65 @@ class SessionRunner:
         model_tips = self._tips(model.measured[:count])
         tips = self._tips(machine.measured)
         is_following = (machine.read == Level.PEDAL_DN) & (model.read[:count] == Level.PEDAL_DN)
-        distance = np.linalg.norm(model_tips - tips, axis=1) * _MM
+        distance = np.linalg.norm(model_tips - tips, axis=1) * MM_PER_M
         residual = np.where(is_following, distance, 0.0)
-        return residual, residual / (self._adaptive.limits(model_tips) * _MM)
+        return residual, residual / (self._adaptive_limit.limits(model_tips) * MM_PER_M)
 
     def respond(self, session: AttackedSession, reaction: Reaction) -> Response | None:
         """Return the trainee's responses in a session.
 
-        None: there was no force and no stop to notice, or no response within `_LONGEST`.
+        None: there was no force and no stop to notice, or no response within `_LONGEST_RESPONSE`.
         """
         machine = Machine(self._parts, physics=self._physics(session), faults=session.faults())
         pair = MachineAndModel(machine, self.cue)
-        hand = Hand(self._parts.settings, session.scale)
         trainee = HazardTrainee(reaction)
         deviation = UnbrakedDeviation(pair, self._parts.kin.forward)
-        # number of the packet after which the trainee can no longer notice a fault
-        last = session.start + session.length + _AFTER
+        self._run_with_trainee(session, pair, trainee, deviation)
+        if trainee.noticed is None or not trainee.responses:
+            return None
+        fault_time = (session.start + HOMED) * TICK
+        acted = min(trainee.responses.values())
+        responses = sorted(trainee.responses, key=lambda name: trainee.responses[name])
+        is_following = pair.machine.plc.level == Level.PEDAL_DN
+        return Response(
+            noticed=round((trainee.noticed - fault_time) / TICK),
+            acted=round((acted - fault_time) / TICK),
+            responses=list(responses),
+            response_peak=deviation.peak,
+            response_harm=deviation.peak > HARM,
+            works=is_following and "convert" not in responses,
+        )
+
+    def _run_with_trainee(
+        self, session: AttackedSession, pair: MachineAndModel, trainee: HazardTrainee, deviation: UnbrakedDeviation
+    ) -> None:
+        """Run machine and model until the trainee ends the session, can no longer notice a fault, or takes too long."""
+        hand = Hand(self._parts.settings, session.scale)
+        last_noticeable_packet = session.start + session.length + _PACKETS_AFTER_FAULT
         number = 0
         pair.step(0.0)
         pair.start()
-        for tick in range(1, round(_LONGEST / TICK)):
+        for tick in range(1, round(_LONGEST_RESPONSE / TICK)):
+            t = tick * TICK
             packets = []
             if tick > HOMED:
                 number += 1
                 packets = [(hand.packet(number, trainee.pace, trainee.pedal), "trainee")]
-            pair.step(tick * TICK, packets)
-            if number <= _FOLLOWS:  # the arm does not follow yet, also without a fault
+            pair.step(t, packets)
+            if number <= _FIRST_FOLLOWING_PACKET:  # the arm does not follow yet, also without a fault
                 continue
             deviation.step()
             # The display shows the level of the one that follows less.
             level = min(pair.machine.plc.level, pair.model.plc.level)
-            trainee.step(tick * TICK, bool(pair.force.any()), level)
+            trainee.step(t, bool(pair.force.any()), level)
             if trainee.restarts:
                 for simulated in (pair.machine, pair.model):
                     simulated.stop()
                     simulated.start()
                 deviation.restart()
-            is_unnoticed = trainee.noticed is None and number >= last
+            is_unnoticed = trainee.noticed is None and number >= last_noticeable_packet
             if trainee.done or is_unnoticed:
-                break
-        if trainee.noticed is None or not trainee.responses:
-            return None
-        begin = (session.start + HOMED) * TICK
-        acted = min(trainee.responses.values())
-        responses = sorted(trainee.responses, key=lambda name: trainee.responses[name])
-        follows = pair.machine.plc.level == Level.PEDAL_DN
-        return Response(
-            noticed=round((trainee.noticed - begin) / TICK),
-            acted=round((acted - begin) / TICK),
-            responses=list(responses),
-            response_peak=deviation.peak,
-            response_harm=deviation.peak > HARM,
-            works=follows and "convert" not in responses,
-        )
+                return
 
     def _physics(self, session: AttackedSession) -> Physics:
         """Return the parameters of the machine's plant."""
@@ -263,8 +267,8 @@ class SessionRunner:
             self._model_runs[scale] = run, run.trace
         run, model = self._model_runs[scale]
         if len(model.q) < packets:
-            rounds = math.ceil(packets / _ROUND)
-            run.extend(_ROUND * rounds, packets)
+            rounds = math.ceil(packets / _MODEL_RUN_STEP)
+            run.extend(_MODEL_RUN_STEP * rounds, packets)
             model = run.trace
             self._model_runs[scale] = run, model
         return model
@@ -275,7 +279,7 @@ def _off_path(true_tips: Array, path: Array, is_far: np.ndarray) -> np.ndarray:
     is_off = is_far.copy()
     for k in np.flatnonzero(is_far):
         distances = np.linalg.norm(path - true_tips[k], axis=1)
-        is_off[k] = float(np.min(distances)) * _MM > HARM
+        is_off[k] = float(np.min(distances)) * MM_PER_M > HARM
         if is_off[k]:  # the caller uses only the first
             break
     return is_off

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
-from twin.simulation.hazards.campaign import FREE
+from twin.simulation.campaigns.campaign_table import FREE
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,19 @@ class Roc:
         return float(self.detected[k]), float(self.false[k])
 
 
+class _Detector(NamedTuple):
+    """A limit of the measured distance: its name, unit and value, and the keys of a session's scores in the log.
+
+    `before_fault` is the score until the fault begins, `during_fault` from then until harm or stop.
+    """
+
+    name: str
+    unit: str
+    limit: float
+    before_fault: str
+    during_fault: str
+
+
 def dangerous(row: JsonMapping) -> bool:
     """Return whether a session had a fault that caused harm or a stop."""
     return row["kind"] != FREE and (row["harm"] is not None or row["stop"] is not None)
@@ -73,35 +87,34 @@ def curves(rows: Sequence[JsonMapping], cue: float) -> list[Roc]:
     dangerous_rows = list(filter(dangerous, rows))
     if not dangerous_rows:
         return []
-    stopped_in_time = np.array(list(map(in_time, dangerous_rows)))
-    results = []
-    for name, unit, before, during, limit, with_checks in (
-        ("fixed limit", "mm", "residual", "seen", cue, False),
-        ("adaptive limit", "1", "ratio", "seen_ratio", 1.0, False),
-        ("fixed limit or checks", "mm", "residual", "seen", cue, True),
-        ("adaptive limit or checks", "1", "ratio", "seen_ratio", 1.0, True),
-    ):
-        # A session that a check stopped in time is above every limit.
-        scores = np.array([row[during] for row in dangerous_rows], float)
-        if with_checks:
-            scores[stopped_in_time] = np.inf
-        quiet_scores = _scores_without_fault(rows, before, during)
-        finite = np.concatenate([scores[np.isfinite(scores)], quiet_scores])
-        # from a limit that nothing exceeds to one that everything exceeds
-        limits = np.concatenate([[np.finfo(float).max], np.unique(finite)[::-1], [-1.0]])
-        detected = (scores[None, :] > limits[:, None]).mean(axis=1)
-        false = (quiet_scores[None, :] > limits[:, None]).mean(axis=1)
-        area = float(np.trapezoid(detected, false))
-        results.append(Roc(name, unit, limits, detected, false, area, limit))
-    return results
+    is_stopped_in_time = np.array(list(map(in_time, dangerous_rows)))
+    fixed = _Detector("fixed limit", "mm", cue, "residual", "seen")
+    adaptive = _Detector("adaptive limit", "1", 1.0, "ratio", "seen_ratio")
+    roc_curves = []
+    for with_checks in (False, True):
+        for detector in (fixed, adaptive):
+            name = detector.name
+            scores = np.array([row[detector.during_fault] for row in dangerous_rows], float)
+            if with_checks:
+                name += " or checks"
+                scores[is_stopped_in_time] = np.inf  # above every limit
+            quiet_scores = _scores_without_fault(rows, detector)
+            finite = np.concatenate([scores[np.isfinite(scores)], quiet_scores])
+            # from a limit that nothing exceeds to one that everything exceeds
+            limits = np.concatenate([[np.finfo(float).max], np.unique(finite)[::-1], [-1.0]])
+            detected = (scores[None, :] > limits[:, None]).mean(axis=1)
+            false = (quiet_scores[None, :] > limits[:, None]).mean(axis=1)
+            area = float(np.trapezoid(detected, false))
+            roc_curves.append(Roc(name, detector.unit, limits, detected, false, area, detector.limit))
+    return roc_curves
 
 
-def _scores_without_fault(rows: Sequence[JsonMapping], before: str, during: str) -> Array:
+def _scores_without_fault(rows: Sequence[JsonMapping], detector: _Detector) -> Array:
     """Return the scores (k,) of all sessions before the fault, or in the whole session if there is no fault."""
     scores = []
     for row in rows:
-        score = row[before]
+        score = row[detector.before_fault]
         if row["kind"] == FREE:
-            score = max(score, row[during])
+            score = max(score, row[detector.during_fault])
         scores.append(score)
     return np.array(scores)

@@ -13,14 +13,14 @@ import numpy as np
 from scipy.signal import lfilter
 
 from twin.core.spatial import Array
-from twin.simulation.machine.motor_plant import TICK
+from twin.simulation.machine.physics import TICK
 
-_SMOOTH = 0.02
+_SPEED_TIME_CONSTANT = 0.02
 """Time constant in s of the low-pass of the model's speed."""
 
 
 @dataclass(frozen=True)
-class Adaptive:
+class AdaptiveLimit:
     """Limit of the distance that grows with the speed of the model's tip.
 
     Attributes:
@@ -37,6 +37,6 @@ class Adaptive:
         steps = np.diff(tips, axis=0, prepend=tips[:1])
         speeds = np.linalg.norm(steps, axis=1) / TICK
         # first-order low-pass: each tick adds this share of the difference
-        share = TICK / (_SMOOTH + TICK)
+        share = TICK / (_SPEED_TIME_CONSTANT + TICK)
         smooth_speeds = np.asarray(lfilter([share], [1, share - 1], speeds))
         return self.floor + self.lead * smooth_speeds

@@ -17,16 +17,16 @@ from twin.simulation.machine.levels import Level
 
 Response = Literal["slow down", "release pedal", "troubleshoot", "restart", "convert", "report"]
 
-_SLOW = 0.25
+_SLOW_PACE = 0.25
 """Speed after slowing down, as a fraction of the normal speed. ASSUMED."""
 
-_HOMING = 3.0
+_LONGEST_HOMING = 3.0
 """Maximum time in s that the trainee waits for the arm after a restart. ASSUMED."""
 
-_WATCH = 0.5
+_QUIET_TIME = 0.5
 """Time in s without a new event after which the trainee ends the session. ASSUMED."""
 
-_LATENCY = 0.1
+_PEDAL_LATENCY = 0.1
 """Time in s after pressing the pedal in which the trainee does not expect the arm to follow. ASSUMED."""
 
 
@@ -51,45 +51,50 @@ class HazardTrainee:
     """
 
     def __init__(self, reaction: Reaction) -> None:
-        self._times = reaction
+        self._reaction = reaction
         self.pace = 1.0
         self.pedal = True
         self.restarts = False
         self.done = False
         self.noticed: float | None = None
         self.responses: dict[Response, float] = {}
-        # time in s of the next response, and the response
-        self._next: tuple[float, Response | Literal["decide"]] | None = None
-        self._waits: float | None = None  # time in s of the restart after which the trainee waits for the arm
-        self._works = 0.0  # time in s from which the trainee expects the arm to follow
-        self._quiet = float("inf")  # time in s at which the session ends if nothing happens
+        # time in s of the next response, and the response; None: the trainee watches
+        self._next_response: tuple[float, Response | Literal["decide"]] | None = None
+        # times in s
+        self._restart_time: float | None = None  # of the restart after which the trainee waits for the arm
+        self._follows_from = 0.0  # from which the trainee expects the arm to follow
+        self._quiet_end = float("inf")  # at which the session ends if nothing happens
 
     def step(self, t: float, felt: bool, level: Level) -> None:
-        """React at t in s; `felt`: whether there is a force on the hand, `level`: run level that the machine shows."""
+        """React at t in s; `felt`: whether there is a force on the hand, `level`: run level that the machine shows.
+
+        In each tick, the first of these applies: a planned response becomes due; the trainee waits for a restarted arm;
+        there is a force or the arm does not follow, so that a response is planned; nothing has happened for long.
+        """
         self.restarts = False
-        wrong = felt or level != Level.PEDAL_DN
-        if self._next is not None:
-            due, response = self._next
+        is_wrong = felt or level != Level.PEDAL_DN
+        if self._next_response is not None:
+            due, response = self._next_response
             if t >= due:
-                self._next = None
-                self._act(t, response, wrong)
-        elif self._waits is not None:
-            self._await(t, level, self._waits)
-        elif t >= self._works and wrong:
+                self._next_response = None
+                self._act(t, response, is_wrong)
+        elif self._restart_time is not None:
+            self._await(t, level, self._restart_time)
+        elif t >= self._follows_from and is_wrong:
             if self.noticed is None:
                 self.noticed = t
             if felt:
-                self._next = t + self._times.haptic, "slow down"
+                self._next_response = t + self._reaction.haptic, "slow down"
             else:
-                self._next = t + self._times.visual, "release pedal"
-        elif t > self._quiet:
+                self._next_response = t + self._reaction.visual, "release pedal"
+        elif t > self._quiet_end:
             self._end(t)
 
-    def _act(self, t: float, response: Response | Literal["decide"], wrong: bool) -> None:
-        """Perform a response at t in s; `wrong`: whether there is a force, or the arm does not follow."""
+    def _act(self, t: float, response: Response | Literal["decide"], is_wrong: bool) -> None:
+        """Perform a response at t in s; `is_wrong`: whether there is a force, or the arm does not follow."""
         if response == "decide":
-            if wrong:
-                self._act(t, "release pedal", wrong)
+            if is_wrong:
+                self._act(t, "release pedal", is_wrong)
             else:
                 self._go_on(t)
             return
@@ -97,34 +102,38 @@ class HazardTrainee:
         repeated = response in self.responses
         self.responses.setdefault(response, t)
         if response == "slow down":
-            self.pace = _SLOW
-            self._next = t + self._times.haptic, "decide"
+            self.pace = _SLOW_PACE
+            self._next_response = t + self._reaction.haptic, "decide"
         elif response == "release pedal":
             self.pedal = False
-            self._next = t + self._times.troubleshoot, "troubleshoot"
+            self._next_response = t + self._reaction.troubleshoot, "troubleshoot"
         elif response == "troubleshoot":
-            self._act(t, "convert" if repeated else "restart", wrong)
+            self._act(t, "convert" if repeated else "restart", is_wrong)
         elif response == "restart":
             self.restarts = True
-            self._waits = t
+            self._restart_time = t
         else:
             self._end(t)
 
-    def _await(self, t: float, level: Level, restarted: float) -> None:
-        """Wait for the arm after the restart at `restarted` in s; convert if it stops or takes too long."""
-        longest = self._times.visual if level == Level.E_STOP else _HOMING
+    def _await(self, t: float, level: Level, restart_time: float) -> None:
+        """Wait for the arm after a restart at a time in s; convert if it stops or takes too long."""
+        patience = _LONGEST_HOMING
+        if level == Level.E_STOP:
+            patience = self._reaction.visual
         if level == Level.PEDAL_UP:
             self._go_on(t)
-        elif t - restarted > longest:
-            self._act(t, "convert", True)
+        elif t - restart_time > patience:
+            self._act(t, "convert", is_wrong=True)
 
     def _go_on(self, t: float) -> None:
+        """Press the pedal, and move the hand at its normal speed, from t in s on."""
         self.pace = 1.0
         self.pedal = True
-        self._waits = None
-        self._works = t + _LATENCY
-        self._quiet = t + _WATCH
+        self._restart_time = None
+        self._follows_from = t + _PEDAL_LATENCY
+        self._quiet_end = t + _QUIET_TIME
 
     def _end(self, t: float) -> None:
+        """Report, and end the session, at t in s."""
         self.done = True
         self.responses.setdefault("report", t)

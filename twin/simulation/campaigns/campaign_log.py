@@ -47,7 +47,7 @@ class Log:
             raise OutputError(
                 f"another campaign is running with the log {self.path}: wait for its end, or give another --out"
             ) from None
-        except OSError:  # a file system without locks
+        except OSError:  # a file system without locks: only there, two campaigns could write to one log
             pass
         self._file.seek(0)
         data = self._file.read()
@@ -112,4 +112,5 @@ def _different_keys(head: JsonMapping, written_head: object) -> list[str]:
 
 
 def _line(row: JsonMapping) -> bytes:
+    """Return a line of the log with its end."""
     return json.dumps(row).encode() + b"\n"
