@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 import twin
-from twin.api.clip_protocols import protocols_of_clips
+from twin.api.clip_protocols import clip_of_no_protocol, played_protocols
 from twin.api.scene_export import export_scene
 from twin.exchange.audit.reference_export.difference import FieldDifference, differences
 from twin.exchange.audit.reference_export.field_comparison import READERS, compare_with_reference
@@ -328,7 +328,9 @@ def test_scenery_may_be_added(tmp_path):
     for folder, added in (("reference", ""), ("audited", "<camera name='c'/><light/><geom type='plane'/>")):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "r.xml").write_text(f"<m><geom type='box'/>{added}</m>")
-    assert not [f for ledger in ledgers(tmp_path / "audited", tmp_path / "reference") for f in ledger.findings]
+    (finding,) = [f for ledger in ledgers(tmp_path / "audited", tmp_path / "reference") for f in ledger.findings]
+    assert finding.severity == "info"
+    assert "not checked: 3 entries (geom 2, camera 'c', light)" in finding.message
 
 
 @pytest.mark.parametrize(("name", "count"), [("r.cs", 5), ("r.yaml", 0)])
@@ -418,12 +420,64 @@ def test_every_seed_is_named_without_the_robot(hibou, tmp_path):
     [
         (["table2", "r_table2", "r_ar"], ["table2"]),
         (["table2", "low", "r_sim"], ["low", "table2"]),
-        (["table2", "own"], None),
+        (["table2", "own"], ["table2"]),
         ([], []),
     ],
 )
 def test_the_protocols_of_clips(clips, expected):
-    assert protocols_of_clips(clips, ["low", "table2"], "r") == expected
+    assert played_protocols(clips, ["low", "table2"]) == expected
+
+
+@pytest.mark.parametrize(
+    ("clip_formats", "expected"),
+    [
+        ({"low": ["tracks", "glb"], "r_low": ["usd"], "r_ar": ["usdz"], "r_sim": ["usd"]}, ""),
+        ({"low": ["tracks", "glb"], "own": ["tracks", "glb"], "r_own": ["usd"]}, "own"),
+        ({"low": ["tracks", "glb"], "own": ["glb"]}, ""),  # renamed in one format
+        ({"own": ["glb"]}, "own"),
+        ({}, ""),
+    ],
+)
+def test_a_clip_that_was_renamed_in_one_format_is_no_protocol_of_its_own(clip_formats, expected):
+    assert clip_of_no_protocol(clip_formats, ["low", "table2"], "r") == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", [None, "hibou"])
+def test_a_second_change_is_named_beside_a_renamed_clip(robot, hibou, tmp_path):
+    folder = tmp_path / "export"
+    shutil.copytree(hibou, folder)
+    glb_file = folder / "hibou.glb"
+    data = glb_file.read_bytes()
+    assert data.count(b'"cavity"') == 1
+    glb_file.write_bytes(data.replace(b'"cavity"', b'"gavity"'))
+    replaced(folder / "README.txt", "- Metres", "- Inches")
+    findings = of_fields(twin.audit(folder, robot))
+    assert [text for text in findings if "'gavity'" in text]
+    assert [text for text in findings if text.startswith("README.txt")]
+
+
+@pytest.mark.slow
+def test_an_export_with_a_protocol_that_the_robot_does_not_have_is_not_compared_and_says_so(hibou, tmp_path):
+    for file in (hibou / "hibou.glb", *hibou.glob("tracks/*.*")):
+        own = tmp_path / "export" / file.relative_to(hibou).parent / file.name.replace("cavity", "gavity")
+        own.parent.mkdir(parents=True, exist_ok=True)
+        own.write_bytes(file.read_bytes().replace(b"cavity", b"gavity"))
+    (finding,) = of_fields(twin.audit(tmp_path / "export"))
+    assert "'gavity' has the name of no protocol of hibou" in finding
+
+
+@pytest.mark.slow
+def test_a_spoilt_file_is_a_disagreement_and_not_said_to_have_other_names(hibou, tmp_path):
+    folder = tmp_path / "export"
+    shutil.copytree(hibou, folder)
+    table = folder / "tracks/cavity.csv"
+    lines = table.read_text("utf-8").splitlines(keepends=True)
+    table.write_text("".join([*lines[:-50], lines[-51], *lines[-50:]]), "utf-8")  # a row is there twice
+    report = twin.audit(folder, "hibou")
+    assert report.verdict == "disagree"
+    assert not [finding for finding in report.findings if finding.code == "audit.not_compared"]
+    assert [finding for finding in report.findings if finding.code == "tracks.times"]
 
 
 @pytest.mark.slow

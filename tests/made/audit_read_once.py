@@ -50,7 +50,7 @@ class ReadOnce:
         """
         with (
             mock.patch.object(audits, "_read", self._read_folder),
-            mock.patch.object(ReferenceExport, "__call__", return_value=None),
+            mock.patch.object(ReferenceExport, "__call__", return_value=audits.NewExport(None)),
         ):
             if robot is None:
                 return twin.audit(folder)

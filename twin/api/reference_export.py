@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.api.clip_protocols import protocols_of_clips
+from twin.api.clip_protocols import clip_of_no_protocol, played_protocols
 from twin.api.protocol_plan import plan
 from twin.api.robot import Robot
 from twin.api.robot_loading import load, names
@@ -17,7 +17,7 @@ from twin.core.errors import TwinError
 from twin.core.progress import Progress
 from twin.core.spatial import Array
 from twin.core.version import __version__
-from twin.exchange.audit import SCENE, ExportStatement
+from twin.exchange.audit import SCENE, ExportStatement, NewExport
 from twin.exchange.audit.folder_files import find_files
 from twin.exchange.formats import export_formats
 from twin.exchange.write.bundle import PROOF, README, write_files
@@ -29,6 +29,9 @@ _QUICK_LOOKS = "*_ar.usdz"
 
 _AT_HOME = 1e-5
 """Maximum difference of two matrices of the pose of a link at rest, in m or without a unit."""
+
+_NO_EXPORT = NewExport(None)
+"""For files that are no export of the robot as it is: that they are not compared with one surprises nobody."""
 
 
 class ReferenceExport:
@@ -48,50 +51,55 @@ class ReferenceExport:
         self.folder = folder
         self.progress = progress
 
-    def __call__(self, statement: ExportStatement) -> Path | None:
-        """Return the folder of the new export; None if the files are not an export of the robot by this version.
+    def __call__(self, statement: ExportStatement) -> NewExport:
+        """Return the new export, which has no folder if the files are not an export of the robot by this version.
 
         The files are one if they state the hash of the robot's mechanism and have its rest pose. So a robot of the same
         name with other numbers is never compared field by field, nor is a robot of a scene, which rests elsewhere.
         """
         if not _is_of_this_version(self.path):
-            return None
+            return _NO_EXPORT
         if (self.path / SCENE).is_file():
             # Loaded by name: only a scene needs the simulation of its organs.
             export_again = import_module("twin.api.scene_reference_export").export_scene_again
             return export_again(self.path, statement, self.folder, self._formats(), self.progress)
         for folder in (self.path.parent, self.path.parent.parent):
             if (folder / SCENE).is_file():
-                return None  # robots of a scene have the rest pose and the motion that the scene gives them
+                return _NO_EXPORT  # robots of a scene have the rest pose and the motion that the scene gives them
         robot = self.robot or _built_in(statement)
         if robot is None or robot.files is None:
-            return None
+            return _NO_EXPORT
         own_protocols = list(robot.files.protocols())
         robot = robot.weighed()
         hashes = statement.model_hashes
         if hashes and model_hash(robot.mechanism) not in hashes:
-            return None
+            return _NO_EXPORT
         if hashes and statement.rests and not _one_rests_at(home_poses(robot.mechanism), statement.rests):
-            return None
-        protocols: Sequence[str] | None = protocols_of_clips(statement.key_counts, own_protocols, robot.name)
-        if protocols is None:
-            return None
+            return _NO_EXPORT
+        return self._export_again(robot, own_protocols, statement)
+
+    def _export_again(self, robot: Robot, own_protocols: Sequence[str], statement: ExportStatement) -> NewExport:
+        """Export a robot with the protocols and the formats of the audited files."""
+        other_clip = clip_of_no_protocol(statement.clip_formats, own_protocols, robot.name)
+        if other_clip:
+            return NewExport(None, f"clip '{other_clip}' has the name of no protocol of {robot.name}")
+        protocols: Sequence[str] | None = played_protocols(statement.clip_formats, own_protocols)
         quick_look_count = len(list(self.path.glob(_QUICK_LOOKS)))
         if len(protocols) == len(own_protocols) and quick_look_count < 2:
             protocols = None  # all protocols, but not each by its name
         try:
             ordered = order(robot, None, protocols, None, plan, self.progress)
-        except TwinError:  # the other checks of the audit tell why
-            return None
+        except TwinError as error:
+            return NewExport(None, f"{robot.name} cannot be exported now: {error}")
         for clip in ordered.clips:
-            counts = statement.key_counts.get(clip.name)
-            if counts is not None and len(clip.times) not in counts:
-                return None  # it was made with another budget of errors, and so with other keys
+            reason = statement.reason_of_other_keys(clip.name, len(clip.times))
+            if reason:
+                return NewExport(None, reason)
         write_files(ordered, self.folder, self._formats(), self.progress)
         if not statement.key_counts:
             # README.txt lists the motions of the export, of which the other files say nothing
             (self.folder / README).unlink()
-        return self.folder
+        return NewExport(self.folder)
 
     def _formats(self) -> list[str]:
         """Return the names of the formats of the audited files, in the order of an export."""

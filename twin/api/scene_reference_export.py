@@ -11,14 +11,14 @@ from twin.api.scene_export import export_scene
 from twin.api.scene_loading import load_scene
 from twin.core import assets
 from twin.core.progress import Progress
-from twin.exchange.audit import SCENE, ExportStatement
+from twin.exchange.audit import SCENE, ExportStatement, NewExport
 from twin.exchange.write.clip import model_hash
 
 
 def export_scene_again(
     path: Path, statement: ExportStatement, folder: Path, formats: Sequence[str], progress: Progress
-) -> Path | None:
-    """Return the folder of a new export of the built-in scene that an export states; None if it is not of this scene.
+) -> NewExport:
+    """Return a new export of the built-in scene that an export states, without a folder if it is not of this scene.
 
     Args:
         path: folder of the export.
@@ -29,14 +29,17 @@ def export_scene_again(
     """
     name = json.loads((path / SCENE).read_text("utf-8")).get("scene")
     if name not in assets.scenes():
-        return None
+        return NewExport(None)
     scene = load_scene(name)
     for place in scene.places:
         if model_hash(load(place.robot).weighed().mechanism) not in statement.model_hashes:
-            return None
+            return NewExport(None)
     bundles = export_scene(scene.file, folder, formats, progress=progress).bundles
     for bundle in bundles.values():
         for clip in bundle.order.clips:
-            if len(clip.times) not in statement.key_counts.get(clip.name, ()):
-                return None  # it was made with another budget of errors, and so with other keys
-    return folder
+            if clip.name not in statement.key_counts:
+                return NewExport(None)
+            reason = statement.reason_of_other_keys(clip.name, len(clip.times))
+            if reason:
+                return NewExport(None, reason)
+    return NewExport(folder)

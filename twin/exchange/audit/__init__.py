@@ -48,6 +48,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.core.findings import verdict
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonMapping
@@ -72,7 +73,13 @@ from twin.exchange.audit.plausibility import check_sense
 from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.reference_export import ExportStatement, compare_with_reference, export_statement
+from twin.exchange.audit.reference_export import (
+    ExportStatement,
+    NewExport,
+    compare_with_reference,
+    export_statement,
+    not_compared,
+)
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
@@ -85,7 +92,7 @@ from twin.exchange.xacro import XacroSettings
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["SCENE", "AuditReport", "Check", "ExportStatement", "SampledStates", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "ExportStatement", "NewExport", "SampledStates", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
@@ -99,7 +106,7 @@ def audit(
     truth: Truth | None = None,
     mechanism: Mechanism | None = None,
     states: Callable[[], SampledStates] | None = None,
-    reference: Callable[[ExportStatement], Path | None] | None = None,
+    reference: Callable[[ExportStatement], NewExport] | None = None,
     progress: Progress | None = None,
     xacro: XacroSettings | None = None,
 ) -> AuditReport:
@@ -113,8 +120,8 @@ def audit(
         mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
             the files are compared only with each other. Not used for a scene.
         states: returns states of `mechanism` over its whole range; called if a file has no motion.
-        reference: returns the folder of a new export of the robot or the scene that the files state, which every field
-            of the files is compared with; None if there is none. It is called with what the files state.
+        reference: returns a new export of the robot or the scene that the files state, which every field of the files
+            is compared with. It is called with what the files state.
         progress: see `Progress`.
         xacro: how the xacros among the files are expanded.
 
@@ -140,12 +147,14 @@ def audit(
             sampled = cache(states)  # they are computed at most once, and only if a file needs them
         contents, ledgers = _audited(path, truth or {}, mechanism, sampled, report_progress, xacro_settings)
     if reference is not None:
-        folder = reference(export_statement(contents))
-        if folder is not None:
+        new_export = reference(export_statement(contents))
+        if new_export.reason:
+            ledgers.append(not_compared(path, new_export.reason))
+        if new_export.folder is not None:
             report_progress("compare with a new export", 0.95)
             unreadable = {ledger.file for ledger in ledgers if ledger.found} - {content.file for content in contents}
             # first, as they name the places of changes, and many other findings only what follows from these
-            ledgers = [*compare_with_reference(path, folder, unreadable), *ledgers]
+            ledgers = [*compare_with_reference(path, new_export.folder, unreadable), *ledgers]
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
 
 
@@ -284,14 +293,21 @@ def _compare_still(
         if content.clips:
             continue
         mechanism = content.mechanism
-        link_names = set(content.rest)
-        if mechanism is not None:
-            link_names |= set(mechanism.links)
-        if states is not None and not same_names(link_names, expected.links):
+        if states is not None and not same_names(_link_names(content), expected.links):
             compare_states(content, expected, states())
             if mechanism is not None and not same_names(mechanism.links, expected.links):
                 contents_with_other_names.append(content)
     return contents_with_other_names
+
+
+def _link_names(content: Content) -> set[str]:
+    """Return the names of all links for which a file has a pose, or of which it states masses or joints."""
+    names = set(content.rest)
+    if content.mechanism is not None:
+        names |= set(content.mechanism.links)
+    for clip in content.clips:
+        names |= set(clip.links)
+    return names
 
 
 def _compare_joints_between(contents: Sequence[Content]) -> None:
@@ -310,7 +326,10 @@ def _compare_joints_between(contents: Sequence[Content]) -> None:
 
 
 def _check_placed(contents: Sequence[Content], expected: FileMechanism) -> None:
-    """Report files whose geometry could not be compared with the mechanism: their agreement would be empty."""
+    """Report files whose geometry could not be compared with the mechanism: their agreement would be empty.
+
+    A file with the robot's names is passed over if another finding tells its fault.
+    """
     if all(joint.kind == "free" for joint in expected.joints):  # every pose of every body is possible
         return
     placed = _placed(contents)
@@ -318,11 +337,17 @@ def _check_placed(contents: Sequence[Content], expected: FileMechanism) -> None:
         codes = {finding.code for finding in content.ledger.findings}
         if content.file in placed or "audit.not_compared" in codes:
             continue
-        text = (
-            f"{content.file} could not be compared with {MECHANISM}: neither the names nor the structure of its links "
-            f"and joints are those of {', '.join(expected.links[:3])}, …"
-        )
-        advice = "give links and joints the names of the robot, or audit the file with an export of the robot"
+        if same_names(_link_names(content), expected.links):
+            if verdict(content.ledger.findings) != "agree":
+                continue
+            text = f"{content.file} has no pose that could be compared with {MECHANISM}"
+            advice = "add a rest pose, or the motion of a protocol of the robot"
+        else:
+            text = (
+                f"{content.file} could not be compared with {MECHANISM}: neither the names nor the structure of its "
+                f"links and joints are those of {', '.join(expected.links[:3])}, …"
+            )
+            advice = "give links and joints the names of the robot, or audit the file with an export of the robot"
         content.ledger.add("audit.not_compared", "error", text, suggestion=advice)
 
 

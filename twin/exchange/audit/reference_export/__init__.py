@@ -9,10 +9,10 @@ entries           the content of a file as a tree, in one form for all syntaxes
 difference        where two trees differ
 *_entries         read a file of a syntax: json, xml, text (also tables and meshes), usd, gltf
 field_comparison  compare a file, or the files of a folder, with those of the new export
-export_statement  what the files state of their origin, from which the caller makes the new export
+export_statement  what the files state of their origin, and the new export that the caller makes from it
 """
 
-from twin.exchange.audit.reference_export.export_statement import ExportStatement, export_statement
-from twin.exchange.audit.reference_export.field_comparison import compare_with_reference
+from twin.exchange.audit.reference_export.export_statement import ExportStatement, NewExport, export_statement
+from twin.exchange.audit.reference_export.field_comparison import compare_with_reference, not_compared
 
-__all__ = ["ExportStatement", "compare_with_reference", "export_statement"]
+__all__ = ["ExportStatement", "NewExport", "compare_with_reference", "export_statement", "not_compared"]

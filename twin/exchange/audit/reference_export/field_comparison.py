@@ -38,6 +38,9 @@ READERS: Mapping[str, Callable[[Path], Entry]] = {
 _SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
 """Kinds of entries that a user adds around a robot without changing it."""
 
+_MOST_LABELS = 3
+"""Largest number of entries around the robot that a note names."""
+
 _OTHER_KINDS = 4
 _OTHER_SHARE = 0.1
 """A file is not structured as twin writes it if at least so many kinds of entries are missing or added and, with all
@@ -104,6 +107,14 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
     yield ledger_of_all
 
 
+def not_compared(path: Path, reason: str) -> Ledger:
+    """Return a ledger that says why the files of an export are not compared with a new export."""
+    ledger = Ledger(path.name, _TOOL, "1", code="export")
+    text = f"the files are not compared with {_NEW_EXPORT}, which would name further changes: {reason}."
+    ledger.add("export.not_compared", "info", text)
+    return ledger
+
+
 def _file_pairs(path: Path, reference: Path) -> Iterator[tuple[Path, Path]]:
     """Yield (audited file, its counterpart in the reference): in a folder of the same name, a single file by suffix."""
     if path.is_file():
@@ -135,11 +146,13 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
     read = READERS.get(file.suffix.lower(), read_bytes)
     reference = read(reference_file)
     found = []
+    scenery = []
     for difference in differences(reference, read(file)):
         is_comment = difference.pattern.endswith(f"/{COMMENT}")
         if is_comment and difference.form in ("missing", "order"):
             continue  # programs that save again may leave out comments
         if difference.form == "extra" and difference.entry is not None and _is_scenery(difference.entry):
+            scenery.append(difference.entry.label)
             continue
         found.append(difference)
     if _is_structured_otherwise(read, reference, found):
@@ -149,6 +162,12 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         )
         ledger.add("export.rewritten", "info", text)
         return []
+    if scenery:
+        labels = ", ".join(scenery[:_MOST_LABELS])
+        if len(scenery) > _MOST_LABELS:
+            labels += ", …"
+        text = f"added around the robot, and not checked: {format.count(len(scenery), 'entry', 'entries')} ({labels})."
+        ledger.add("export.scenery", "info", text)
     return found
 
 

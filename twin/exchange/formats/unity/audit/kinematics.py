@@ -134,7 +134,7 @@ def _changed_tables(text: str, part: str) -> str:
         present[match["name"]] = _hash(match[0])
     changed = [name for name in {*stated, *present} if stated.get(name) != present.get(name)]
     if not changed:
-        return " No table differs: what stands between them was changed."
+        return " Each table has the hash that the file states for it: what stands between them was changed."
     return f" What differs is {', '.join(sorted(changed))}."
 
 
