@@ -6,7 +6,7 @@ import pytest
 
 import twin
 from twin.core.provenance import AssumedCounts, Parameter, count_assumed
-from twin.exchange.write.order import order
+from twin.exchange.write.order_of_robot import order_of_robot
 from twin.ui.headset.description import describe
 from twin.ui.session.movable_robot import MovableRobot
 
@@ -28,7 +28,7 @@ def test_values_lengths_of_the_drawing_and_those_of_the_motion_are_apart():
 def test_report_export_and_page_have_one_count(name):
     robot = twin.load(name)
     report = twin.validate(name)
-    exported = order(robot, None, [], None, twin.plan, lambda what, part: None)
+    exported = order_of_robot(robot, None, [], None, twin.plan, lambda what, part: None)
     shown = describe(robot, MovableRobot(robot), {}, {}, None)
     assert report.assumed_counts.robot == exported.assumed_counts.robot == len(shown["assumed"]) > 0
     assert report.assumed_counts.drawing == exported.assumed_counts.drawing > 0

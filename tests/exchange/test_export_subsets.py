@@ -105,10 +105,10 @@ def read_once(reader):
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_subsets_of_formats_pass_their_own_audit(robot, tmp_path, monkeypatch):
-    from twin.exchange.write.order import order
+    from twin.exchange.write.order_of_robot import order_of_robot
 
     loaded = api.load(imported(tmp_path) if robot == "imported" else robot)
-    content = order(loaded, None, None, COARSE, api.plan, silent)
+    content = order_of_robot(loaded, None, None, COARSE, api.plan, silent)
     assert content.clips
     monkeypatch.setattr(bundles, "write_format", written_once(content, tmp_path / "formats"))
     monkeypatch.setattr(audits, "_read", read_once(audits._read))

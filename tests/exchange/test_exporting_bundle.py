@@ -403,7 +403,7 @@ def test_a_planned_trajectory_is_the_only_motion(robot, no_audit, tmp_path):
 
 
 def test_quick_looks_are_the_default_and_those_asked_for():
-    from twin.exchange.write.order import _quick_looks
+    from twin.exchange.write.order_of_robot import _quick_looks
 
     assert _quick_looks("b", ["a", "b", "c"], are_requested=False) == ("b",)
     assert _quick_looks("b", ["a", "b", "c"], are_requested=True) == ("b", "a", "c")

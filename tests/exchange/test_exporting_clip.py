@@ -13,8 +13,11 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from twin import api
 from twin.core import spatial
-from twin.exchange.write import clip as clips
-from twin.exchange.write.clip import ClipAccuracy, key_rows, make_clip, measure_between, model_hash
+from twin.exchange.write import key_rate, player_interpolation
+from twin.exchange.write.clip import ClipAccuracy
+from twin.exchange.write.key_rate import make_clip
+from twin.exchange.write.model_hash import model_hash
+from twin.exchange.write.player_interpolation import interpolation_errors, key_rows
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -54,7 +57,7 @@ def test_a_point_on_a_chord_is_off_by_its_sagitta(speed, stride):
     """Between keys the frame's origin runs on the chord, at most r (1 - cos(w h / 2)) inside of the circle."""
     m, r = wheel(), 0.7
     times, links = turning(480, speed, 1.0, (r, 0, 0))
-    found = measure_between(
+    found = interpolation_errors(
         m, times, links, key_rows(len(times), stride), {"ground": BOX[:1], "crank": np.zeros((1, 3))}
     )
     assert found.position == pytest.approx(r * (1 - np.cos(speed * stride / 480 / 2)), rel=1e-9)
@@ -66,7 +69,7 @@ def test_a_body_that_turns_about_its_own_origin_is_right_by_slerp_but_not_by_com
     m = wheel()
     times, links = turning(480, 3.0, 1.0)
     keys = key_rows(len(times), 48)
-    found = measure_between(m, times, links, keys, {"ground": BOX, "crank": BOX})
+    found = interpolation_errors(m, times, links, keys, {"ground": BOX, "crank": BOX})
     h = 3.0 * 0.1
     share = np.linspace(0, 1, 49)
     half = h / 2  # nlerp of half angles: tan of the part turned
@@ -82,21 +85,21 @@ def test_the_true_gap_of_a_joint_is_no_fault_of_the_player():
     apart = replace(m.joints[0], T_child_joint=spatial.pose(None, [0.001, 0, 0]))
     m = replace(m, joints=(apart,))
     times, links = turning(480, 2.0, 0.5)
-    every = measure_between(m, times, links, np.arange(len(times)), {"ground": BOX, "crank": BOX})
+    every = interpolation_errors(m, times, links, np.arange(len(times)), {"ground": BOX, "crank": BOX})
     assert max(every.position, every.rotation, every.joint_gap) < 1e-15
     slide = replace(m, joints=(replace(apart, type="prismatic"),))
     times = np.arange(121) / 480
     up = np.tile(np.eye(4), (121, 1, 1))
     up[:, 2, 3] = 0.1 * times**2
     links = {"ground": np.tile(np.eye(4), (121, 1, 1)), "crank": up}
-    found = measure_between(slide, times, links, key_rows(121, 24), {"ground": BOX, "crank": BOX})
+    found = interpolation_errors(slide, times, links, key_rows(121, 24), {"ground": BOX, "crank": BOX})
     assert found.joint_gap < 1e-15
     assert found.position == pytest.approx(0.1 * (24 / 480) ** 2 / 4, rel=1e-9)
 
 
 def test_no_point_of_a_mesh_is_further_off_than_the_extremes(rng, sils_cad):
     m = sils_cad.mechanism
-    reaches = clips.extreme_points(m)
+    reaches = player_interpolation.extreme_points(m)
     for body in m.bodies:
         reach = reaches[body.name]
         for _ in range(5):
@@ -147,7 +150,7 @@ def test_the_rate_is_the_lowest_that_keeps_the_budget_as_brute_force_finds_it(sh
     budget = ClipAccuracy(um * 1e-6, 1.0, 1.0)
     clip = make_clip(mechanism, trajectory, budget=budget)
     assert clip.between.keeps(budget)
-    lower = [r for r in clips.RATES if r < clip.rate]
+    lower = [r for r in key_rate.KEY_RATES if r < clip.rate]
     assert lower, "this budget says nothing: the lowest rate keeps it"
     off, _ = brute_force(mechanism, trajectory, clip.rate)
     assert off <= clip.between.position * 1.02
@@ -158,7 +161,7 @@ def test_the_rate_is_the_lowest_that_keeps_the_budget_as_brute_force_finds_it(sh
 def test_a_smaller_budget_never_has_a_lower_rate(short):
     rates = [make_clip(*short, budget=ClipAccuracy(p * 1e-6, 1.0, 1.0)).rate for p in (1000, 20, 5, 2)]
     assert rates == sorted(rates)
-    assert rates[0] == clips.RATES[0] < rates[-1]
+    assert rates[0] == key_rate.KEY_RATES[0] < rates[-1]
 
 
 @pytest.mark.slow
@@ -167,7 +170,7 @@ def test_a_smaller_budget_never_has_a_lower_rate(short):
 )
 def test_each_number_of_the_budget_counts_and_the_highest_rate_is_the_last_resort(short, budget):
     clip = make_clip(*short, budget=budget)
-    assert clip.rate == clips.RATES[-1]
+    assert clip.rate == key_rate.KEY_RATES[-1]
     assert not clip.between.keeps(budget)
 
 
@@ -211,7 +214,7 @@ def test_signs_never_jump_and_matrices_come_back(axes, turns):
     for s in steps:
         R.append(R[-1] * Rotation.from_rotvec(s))
     matrices = np.array([r.as_matrix() for r in R])
-    q = clips.quaternions_xyzw(spatial.pose(matrices))
+    q = player_interpolation.quaternions_xyzw(spatial.pose(matrices))
     assert np.all(np.sum(q[1:] * q[:-1], axis=1) > 0)
     assert np.allclose(Rotation.from_quat(q).as_matrix(), matrices, atol=1e-12)
     assert q[0, 3] >= 0
@@ -223,7 +226,7 @@ def test_slerp_is_scipys(angle, share):
     r = Rotation.from_rotvec([[0.1, -0.2, 0.3], (np.array([2.0, 1.0, -2.0]) / 3 * angle).tolist()])
     r = Rotation.concatenate([r[0], r[0] * r[1]])
     q = spatial.continuous_signs(r.as_quat())
-    mine = Rotation.from_quat(clips.slerp(q[:1], q[1:], np.array([share])))
+    mine = Rotation.from_quat(player_interpolation.slerp(q[:1], q[1:], np.array([share])))
     assert (mine.inv() * Slerp([0, 1], r)([share])).magnitude()[0] < 1e-7
 
 

@@ -12,7 +12,8 @@ import trimesh
 
 from twin.core import spatial
 from twin.exchange.formats.glb.write import glb_bytes, moving_paths, surface, write_glb
-from twin.exchange.write.clip import Clip, InterpolationErrors, home_poses
+from twin.exchange.write.clip import Clip, InterpolationErrors
+from twin.exchange.write.home_poses import home_poses
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint

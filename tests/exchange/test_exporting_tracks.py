@@ -14,7 +14,8 @@ from pydantic import ValidationError
 from twin import api
 from twin.core import spatial
 from twin.exchange.formats.tracks.write import schema_text, track, write_tracks
-from twin.exchange.write.clip import make_clip, model_hash
+from twin.exchange.write.key_rate import make_clip
+from twin.exchange.write.model_hash import model_hash
 from twin.schema.track import Track
 
 SHORT = Path(__file__).parents[1] / "data/short.toml"

@@ -14,7 +14,7 @@ from made import organs as made
 from twin.core.units import MM, UM
 from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.formats.glb.write import bends_glb
-from twin.exchange.write.clip import between_keys
+from twin.exchange.write.player_interpolation import poses_between_keys
 from twin.model.deformable import Bend
 from twin.usd.write.deformables import write_bends
 
@@ -125,7 +125,7 @@ def test_poses_between_keys_are_those_of_a_player():
     keys = np.array([0.0, 1.0])
     Ts = np.stack([made.at(0, 0, 0), made.at(1, 2, 3)])
     Ts[1, :2, :2] = [[0, -1], [1, 0]]
-    got = between_keys(keys, Ts, np.array([-1.0, 0.5, 9.0]))
+    got = poses_between_keys(keys, Ts, np.array([-1.0, 0.5, 9.0]))
     assert np.allclose(got[0], Ts[0])
     assert np.allclose(got[2], Ts[1])
     assert np.allclose(got[1, :3, 3], [0.5, 1, 1.5])

@@ -12,7 +12,7 @@ import numpy as np
 from made import mechanisms as made
 from twin.core.findings import Finding
 from twin.exchange.audit.poses import angle, pose, quaternion, rotation, slerp
-from twin.exchange.write.clip import model_hash
+from twin.exchange.write.model_hash import model_hash
 
 rotation_matrix = rotation
 

@@ -27,7 +27,7 @@ FORMAT = Format(
 """
 
 WRITE = """
-from twin.exchange.write.clip import home_poses
+from twin.exchange.write.home_poses import home_poses
 
 
 def write(order, folder):

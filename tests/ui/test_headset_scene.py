@@ -22,7 +22,7 @@ from twin.cad.build import read_mechanism
 from twin.cli import scenes
 from twin.core import spatial
 from twin.core.errors import TwinError
-from twin.exchange.write.clip import home_poses
+from twin.exchange.write.home_poses import home_poses
 from twin.model.scene import load_scene
 from twin.simulation.frame import WorldFrame
 from twin.ui.headset import live_robot, scene_frame, served_content

@@ -58,7 +58,7 @@ def robot() -> tuple[Any, Any, Any]:
     """Return the mechanism of SILS, the Clip of its protocol table2, and a track of some of its keys."""
     import twin
     from twin.exchange.formats.tracks.write import track
-    from twin.exchange.write.clip import make_clip
+    from twin.exchange.write.key_rate import make_clip
 
     loaded = twin.load("sils")
     protocol = loaded.protocol("table2")

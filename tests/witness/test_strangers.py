@@ -36,7 +36,7 @@ LEAD = 2.0
 @cache
 def scene(name: str, protocol: str):
     """Return the mechanism with its trocar where the protocol has it, the one as drawn, and the clip."""
-    from twin.exchange.write.clip import make_clip
+    from twin.exchange.write.key_rate import make_clip
 
     robot = twin.load(name).weighed()
     chosen = robot.protocol(protocol)

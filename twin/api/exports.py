@@ -121,7 +121,7 @@ def export(
     """
     from twin.exchange.audit import audit
     from twin.exchange.write.bundle import chosen_formats, write_bundle
-    from twin.exchange.write.order import order
+    from twin.exchange.write.order_of_robot import order_of_robot
 
     if isinstance(trajectory, (str, Path)):
         raise TwinError(f"'{trajectory}' is not a trajectory: write out='{trajectory}' for a folder")
@@ -131,5 +131,5 @@ def export(
     robot = loaded(robot)
     folder = Path(out or Path("twin-out") / robot.name / "export")
     assets.require_writable(folder)  # before planning, which can take minutes
-    ordered = order(robot, trajectory, protocols, budget, plan, progress)
+    ordered = order_of_robot(robot, trajectory, protocols, budget, plan, progress)
     return write_bundle(ordered, folder, kinds, audit, progress)

@@ -21,8 +21,9 @@ from twin.exchange.audit import SCENE, ExportStatement, NewExport
 from twin.exchange.audit.folder_files import find_files
 from twin.exchange.formats import export_formats
 from twin.exchange.write.bundle import PROOF, README, write_files
-from twin.exchange.write.clip import home_poses, model_hash
-from twin.exchange.write.order import order
+from twin.exchange.write.home_poses import home_poses
+from twin.exchange.write.model_hash import model_hash
+from twin.exchange.write.order_of_robot import order_of_robot
 
 _QUICK_LOOKS = "*_ar.usdz"
 """Pattern of the files of AR Quick Look: an export of chosen protocols has one for each, another one only one."""
@@ -88,7 +89,7 @@ class ReferenceExport:
         if len(protocols) == len(own_protocols) and quick_look_count < 2:
             protocols = None  # all protocols, but not each by its name
         try:
-            ordered = order(robot, None, protocols, None, plan, self.progress)
+            ordered = order_of_robot(robot, None, protocols, None, plan, self.progress)
         except TwinError as error:
             return NewExport(None, f"{robot.name} cannot be exported now: {error}")
         for clip in ordered.clips:

@@ -27,7 +27,9 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.bundle import Bundle, chosen_formats
-from twin.exchange.write.clip import ClipAccuracy, between_keys, home_poses
+from twin.exchange.write.clip import ClipAccuracy
+from twin.exchange.write.home_poses import home_poses
+from twin.exchange.write.player_interpolation import poses_between_keys
 from twin.model.deformable import Bend
 from twin.model.movable import Movable, together
 from twin.model.scene import Place, Scene, load_scene
@@ -232,7 +234,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
         mechanism = bundles[robot].order.mechanism
         for body in bodies:
             tools.append(Tool(robot, mechanism.body(body)))
-            Ts_base_body = between_keys(keys, links[body], times)
+            Ts_base_body = poses_between_keys(keys, links[body], times)
             poses.append(places[robot].T_world_base @ Ts_base_body)
     tissues = tissue_scene.tissues(scene, organs)
     return tissue_scene.followed(tissues, tools, poses, 1 / _RATE)

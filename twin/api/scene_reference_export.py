@@ -12,7 +12,7 @@ from twin.api.scene_loading import load_scene
 from twin.core import assets
 from twin.core.progress import Progress
 from twin.exchange.audit import SCENE, ExportStatement, NewExport
-from twin.exchange.write.clip import model_hash
+from twin.exchange.write.model_hash import model_hash
 
 
 def export_scene_again(

@@ -155,7 +155,8 @@ class SessionFiles:
             mechanism: the mechanism that moves.
             poses: {link: T_base_link (k, 4, 4)}.
         """
-        from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
+        from twin.exchange.write.clip import Clip, rounded
+        from twin.exchange.write.player_interpolation import extreme_points, interpolation_errors, key_rows
         from twin.exchange.write.stage_clip import coordinates
 
         t = self.recording.t
@@ -173,7 +174,7 @@ class SessionFiles:
             tuple(joint.name for joint in mechanism.active),
             (("session", 0.0, float(t[-1])),),
             1 / (_STRIDE * self.recording.dt),
-            measure_between(mechanism, t, links, keys, reaches),
+            interpolation_errors(mechanism, t, links, keys, reaches),
             frame=mechanism.tool,
             phase_rcm=(None,),
             trocars=mechanism.trocar_places,

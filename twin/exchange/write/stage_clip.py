@@ -10,7 +10,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import StageError
 from twin.core.spatial import Array
-from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
+from twin.exchange.write.clip import DECIMALS, Clip, rounded
+from twin.exchange.write.player_interpolation import extreme_points, interpolation_errors, key_rows
 from twin.model.mechanism import Mechanism
 
 
@@ -39,7 +40,8 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
         links[body.name] = np.broadcast_to(Ts, (len(times), 4, 4))
     links = rounded(links)
     # Every second sample is left out, and the motion at these is compared with what a player would show.
-    between = measure_between(mechanism, times, links, key_rows(len(times), 2), extreme_points(mechanism))
+    every_second = key_rows(len(times), 2)
+    between = interpolation_errors(mechanism, times, links, every_second, extreme_points(mechanism))
     name = stage.stem.removeprefix(f"{mechanism.name}_")
     if name == mechanism.name:
         name = "motion"
@@ -51,7 +53,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
         times,
         links,
         coordinates(mechanism, links),
-        tuple(j.name for j in mechanism.active),
+        tuple(joint.name for joint in mechanism.active),
         (("all", 0.0, float(times[-1])),),
         round(1 / interval, 6),
         between,
@@ -68,6 +70,6 @@ def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, A
             continue
         values = joint.coordinate(links[joint.parent], links[joint.child])
         if joint.is_angle:
-            values = np.round(np.unwrap(values), 13) + 0.0  # adding 0.0 removes negative zeros
+            values = np.round(np.unwrap(values), DECIMALS) + 0.0  # adding 0.0 removes negative zeros
         values_by_joint[joint.name] = values
     return values_by_joint

@@ -39,7 +39,7 @@ def describe(
         patients: patients by protocol name, from `patients_of`.
         place: place of the robot in a scene; None: a single robot, whose description contains floor and patients.
     """
-    from twin.exchange.write.clip import model_hash
+    from twin.exchange.write.model_hash import model_hash
 
     mechanism = movable.mechanism
     tool = mechanism.frame(mechanism.tool)

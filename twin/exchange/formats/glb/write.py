@@ -18,8 +18,11 @@ from twin.core.findings import Finding
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.spatial import Array
 from twin.core.version import __version__
-from twin.exchange.write.clip import Clip, home_poses, model_hash, quaternions_xyzw
+from twin.exchange.write.clip import Clip
+from twin.exchange.write.home_poses import home_poses
+from twin.exchange.write.model_hash import model_hash
 from twin.exchange.write.order import Order
+from twin.exchange.write.player_interpolation import quaternions_xyzw
 from twin.model.body import Body, Material
 from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism

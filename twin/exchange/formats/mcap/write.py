@@ -19,7 +19,7 @@ from twin.core.extras import require
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.version import __version__
-from twin.exchange.write.clip import quaternions_xyzw
+from twin.exchange.write.player_interpolation import quaternions_xyzw
 
 WORLD = "world"
 """Name of the frame to which the poses are relative."""

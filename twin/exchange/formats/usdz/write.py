@@ -17,7 +17,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from twin.core.atomic import Scratch
 from twin.core.findings import Finding
 from twin.core.spatial import Array
-from twin.exchange.write.clip import home_poses, rounded
+from twin.exchange.write.clip import rounded
+from twin.exchange.write.home_poses import home_poses
 from twin.exchange.write.order import Order
 from twin.model.mechanism import Mechanism
 from twin.usd.write import BakedMotion, write_motion

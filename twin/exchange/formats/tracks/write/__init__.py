@@ -13,8 +13,10 @@ from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.exchange.formats.tracks.write.joint_coordinates import tree_coordinates
-from twin.exchange.write.clip import Clip, model_hash, quaternions_xyzw
+from twin.exchange.write.clip import Clip
+from twin.exchange.write.model_hash import model_hash
 from twin.exchange.write.order import Order
+from twin.exchange.write.player_interpolation import quaternions_xyzw
 from twin.model.mechanism import Mechanism
 from twin.schema import json_schema
 

@@ -14,7 +14,7 @@ from twin.codegen import Stage
 from twin.codegen.csharp import HELPERS, Place, method, number
 from twin.core.spatial import Array
 from twin.exchange.formats.unity.kinematics.csharp_values import DeviceModel
-from twin.exchange.write.clip import model_hash
+from twin.exchange.write.model_hash import model_hash
 from twin.kinematics.closed_loops.adjustable import DISTANCES, AdjustableLoops
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.kinematics.compile import Kinematics
