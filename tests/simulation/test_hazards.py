@@ -39,7 +39,7 @@ from twin.simulation.campaigns.trends_table import load as load_trends
 from twin.simulation.campaigns.unbraked_deviation import UnbrakedDeviation
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.simulated_machine import LOCATIONS
+from twin.simulation.machine.machine_faults import LOCATIONS
 from twin.ui.report.report_folder import write_result
 
 TABLE = Path(__file__).parents[2] / "cad/raven_left/campaigns/table1.toml"

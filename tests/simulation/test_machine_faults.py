@@ -16,9 +16,10 @@ from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine import settings as tables
 from twin.simulation.machine.itp import pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.machine_faults import LOCATIONS
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.servo import Servo
-from twin.simulation.machine.simulated_machine import LOCATIONS, Parts
 from twin.simulation.machine.stability import _tick, require_stable
 from twin.simulation.machine.wire import Wire
 
@@ -164,9 +165,9 @@ def test_rates_without_the_coupling_of_the_cables(parts):
     for released in ((), ("rates_without_coupling",)):
         arm = machine(machine_parts(robot, released=released))
         m = arm.parts.arm.mechanism
-        rates[released] = arm._rates_of @ np.array([10.0, 0, 0, 0, 0, 0, 0])
+        rates[released] = arm.software._rate_matrix @ np.array([10.0, 0, 0, 0, 0, 0, 0])
         np.testing.assert_allclose(rates[released][0], 10 / 136.1963, rtol=1e-4)
-        jaws = arm._rates_of @ np.array([0, 0, 0, 0, 0, 1.0, -1.0])
+        jaws = arm.software._rate_matrix @ np.array([0, 0, 0, 0, 0, 1.0, -1.0])
         np.testing.assert_allclose(jaws, m.from_motors(np.array([0, 0, 0, 0, 0, 1.0, -1.0])), atol=1e-15)
     assert abs(rates[()][1]) > 1e-3
     np.testing.assert_allclose(rates[("rates_without_coupling",)][1:], 0, atol=1e-15)

@@ -199,7 +199,7 @@ def test_no_target_near_a_singularity_is_followed(parts):
         assert (q <= high).all()
         for i, k, least in gaps_of(parts):
             assert q[k] - q[i] > least
-        machine._reach(T, machine.wanted)
+        machine.software.reach(T, machine.wanted)
         held.append(machine.held)
     assert held == [0, 1]
 

@@ -21,7 +21,7 @@ from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.condition import Condition
 from twin.simulation.machine.machine_link import Address
-from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.session import training
 from twin.simulation.session.session_file import NAME as FILE
 from twin.simulation.session.session_run import SessionRun

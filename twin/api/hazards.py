@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from twin.simulation.campaigns.campaign_log import Log
     from twin.simulation.campaigns.summary import Hazards
     from twin.simulation.campaigns.trends_result import Trends
+    from twin.simulation.machine.machine_parts import Parts
     from twin.simulation.machine.settings import Mode, Policy
-    from twin.simulation.machine.simulated_machine import Parts
 
 FILE = "hazards.jsonl"
 """Name of the log in the folder of a campaign."""

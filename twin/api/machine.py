@@ -15,8 +15,9 @@ from twin.core.processes import Apart
 if TYPE_CHECKING:
     from twin.simulation.hazards.fault import Fault
     from twin.simulation.machine.machine_link import Address, MachineLink
+    from twin.simulation.machine.machine_parts import Parts
     from twin.simulation.machine.settings import Mode, Policy
-    from twin.simulation.machine.simulated_machine import Machine, Parts
+    from twin.simulation.machine.simulated_machine import Machine
 
 
 def machine_parts(
@@ -45,7 +46,7 @@ def machine_parts(
     from twin.reference import inertia
     from twin.simulation.dynamics.arm import arm
     from twin.simulation.machine import settings
-    from twin.simulation.machine.simulated_machine import Parts
+    from twin.simulation.machine.machine_parts import Parts
 
     if robot.files is None:
         raise TwinError(
@@ -93,7 +94,7 @@ def machine(
 
     All masses are multiplied by `mass`, and all friction by `friction`; the base is rotated by `tilt` in rad about x.
     The model in the control software keeps the nominal values. `faults` change signals of
-    `twin.simulation.machine.simulated_machine.LOCATIONS`.
+    `twin.simulation.machine.machine_faults.LOCATIONS`.
 
     Raises:
         TwinError: `mass` is not above 0, `friction` is negative, or a fault has an unknown signal.

@@ -32,7 +32,7 @@ from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import JointLimits
-from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.plants.contact.contact_planes import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.rate_console import PICTURE

@@ -17,7 +17,7 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import TAP
 from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimits, ViewSwitch
 from twin.simulation.machine.machine_model_plant import MachineModelPlant
-from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.world import Block, Placed, Signals
 from twin.simulation.world.signal_kinds import CAMERA_VIEW, HAND_FORCE, HAPTICS_ON, ROBOT_CUE
 

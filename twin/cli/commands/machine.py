@@ -14,8 +14,9 @@ from twin.core.units import DEG
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
+    from twin.simulation.machine.machine_parts import Parts
     from twin.simulation.machine.machine_server import Server
-    from twin.simulation.machine.simulated_machine import Machine, Parts
+    from twin.simulation.machine.simulated_machine import Machine
 
 EXAMPLES = """\
   twin machine raven_left --port 36000 --state-port 36001 --start

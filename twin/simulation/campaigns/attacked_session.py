@@ -22,8 +22,9 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_and_model import MachineAndModel
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK, Physics
-from twin.simulation.machine.simulated_machine import Machine, Parts
+from twin.simulation.machine.simulated_machine import Machine
 
 _FIRST_FOLLOWING_PACKET = 10
 """Number of the packet from which the arm is expected to be in PEDAL_DN."""

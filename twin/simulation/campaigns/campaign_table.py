@@ -12,13 +12,13 @@ from twin.core.errors import DescriptionError, unknown
 from twin.schema import NotNegative, Origin, Positive, Table, error_at, load_toml
 from twin.simulation.campaigns.hazard_trainee import Response
 from twin.simulation.hazards.fault import Operation
-from twin.simulation.machine.simulated_machine import LOSABLE
+from twin.simulation.machine.machine_faults import LOSABLE
 
 _Range = tuple[float, float]
 _Count = Annotated[int, Field(gt=0)]
 
 Signal = Literal["wire", "packet", "usb", "encoder", "level", "tool", "joints", "dac"]
-"""Signals of a machine, see `twin.simulation.machine.simulated_machine.LOCATIONS`."""
+"""Signals of a machine, see `twin.simulation.machine.machine_faults.LOCATIONS`."""
 
 FREE = "none"
 """FaultClass of the sessions without a fault."""

@@ -15,7 +15,7 @@ from twin.simulation.campaigns.attacked_session import HARM
 from twin.simulation.campaigns.campaign_table import FREE, CampaignTable, Scenario
 from twin.simulation.campaigns.roc import Roc, curves, dangerous, in_time
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.machine.simulated_machine import LOCATIONS
+from twin.simulation.machine.machine_faults import LOCATIONS
 
 Row = JsonMapping
 """Line of the log: the attributes of a `DrawnSession` and of its `Outcome`; as "response" a `Response`, or None."""

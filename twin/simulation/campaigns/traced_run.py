@@ -11,8 +11,9 @@ from twin.core.spatial import Array
 from twin.simulation.campaigns.packet_hand import Hand
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK, Physics
-from twin.simulation.machine.simulated_machine import Machine, Parts
+from twin.simulation.machine.simulated_machine import Machine
 
 HOMED = 100
 """Tick at which the operator presses the pedal; an arm that starts at home completes homing earlier."""

@@ -30,8 +30,8 @@ from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.cable_plant import CablePlant, Cables
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import Physics
-from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.machine.stability import require_stable
 
 

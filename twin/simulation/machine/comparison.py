@@ -6,8 +6,8 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK
-from twin.simulation.machine.simulated_machine import Parts
 
 
 class MachineComparison:

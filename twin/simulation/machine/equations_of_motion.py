@@ -10,7 +10,6 @@ file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,6 +25,9 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference.dynamics import Dynamics
 
+Expression = ca.SX | ca.DM
+"""A matrix of CasADi: `ca.SX` has symbols, `ca.DM` numbers. Both take the same operators."""
+
 
 @dataclass(frozen=True)
 class MotionEquations:
@@ -40,13 +42,13 @@ class MotionEquations:
         b: (n,) Coriolis and centrifugal efforts, and gravity.
     """
 
-    q: Any
-    qd: Any
-    factors: Any
-    fall: Any
-    states: Any
-    M: Any
-    b: Any
+    q: ca.SX
+    qd: ca.SX
+    factors: ca.SX
+    fall: ca.SX
+    states: ca.SX
+    M: ca.SX
+    b: ca.SX
 
 
 @dataclass
@@ -57,20 +59,27 @@ class _JointMotion:
     the derivative of this velocity, in the axes of the child's joint frame.
     """
 
-    x: Any
-    xd: Any
-    xdd: Any
+    x: ca.SX
+    xd: ca.SX
+    xdd: ca.SX
 
 
 @dataclass
 class _BodyMotion:
-    """Motion of a body: pose (R, p); angular velocity w; its derivative `turn`; a: origin's acceleration - gravity."""
+    """Motion of a body, in the axes of base.
 
-    R: Any
-    p: Any
-    w: Any
-    turn: Any
-    a: Any
+    Attributes:
+        R, p: (3, 3) rotation and (3,) origin of the body in base.
+        w: (3,) angular velocity in rad/s.
+        wd: (3,) derivative of w in rad/s2.
+        a: (3,) acceleration of the origin minus the gravitational acceleration, in m/s2.
+    """
+
+    R: Expression
+    p: Expression
+    w: Expression
+    wd: Expression
+    a: Expression
 
 
 def motion(mechanism: Mechanism, solver: LoopSolver | None = None) -> MotionEquations:
@@ -126,9 +135,9 @@ def _tree_efforts(
     # The base accelerates upwards instead of a weight on each body (Featherstone, section 5.3).
     base = _BodyMotion(ca.DM.eye(3), ca.DM.zeros(3), ca.DM.zeros(3), ca.DM.zeros(3), -fall)
     motions = {mechanism.base: base}
-    axes = {}
-    # Forces and moments that accelerate the bodies, about the origin of base.
+    axes_and_origins = {}
     inertias: dict[str, Inertia | None] = {}
+    # Forces and moments that accelerate the bodies, about the origin of base; below, each body adds those beyond it.
     forces = {}
     moments = {}
     for body in mechanism.bodies:
@@ -136,21 +145,25 @@ def _tree_efforts(
         forces[body.name] = ca.SX.zeros(3)
         moments[body.name] = ca.SX.zeros(3)
     for i, joint in enumerate(mechanism.tree):
-        joint_motion = joints[joint.name] if joint.type != "fixed" else _JointMotion(0, 0, 0)
+        if joint.type == "fixed":
+            joint_motion = _JointMotion(ca.SX(0), ca.SX(0), ca.SX(0))
+        else:
+            joint_motion = joints[joint.name]
         z, p, body = _across(joint, motions[joint.parent], joint_motion)
-        axes[joint.name] = z, p
+        axes_and_origins[joint.name] = z, p
         motions[joint.child] = body
         inertia = inertias[joint.child]
         if inertia is not None:
             com = body.R @ inertia.p_body_com
             I_base = body.R @ ca.DM(inertia.I_com) @ body.R.T
-            F = factors[i] * inertia.mass * (body.a + _carried(body.turn, body.w, com))
-            N = factors[i] * (I_base @ body.turn + ca.cross(body.w, I_base @ body.w))
+            F = factors[i] * inertia.mass * (body.a + _carried(body.wd, body.w, com))
+            N = factors[i] * (I_base @ body.wd + ca.cross(body.w, I_base @ body.w))
             forces[joint.child] = F
             moments[joint.child] = N + ca.cross(body.p + com, F)
+    # From the tips to the base: a joint carries what accelerates all bodies beyond it.
     efforts = {}
     for joint in reversed(mechanism.tree):
-        z, p = axes[joint.name]
+        z, p = axes_and_origins[joint.name]
         F = forces[joint.child]
         N = moments[joint.child]
         if joint.type == "prismatic":
@@ -162,7 +175,9 @@ def _tree_efforts(
     return efforts
 
 
-def _across(joint: Joint, parent: _BodyMotion, joint_motion: _JointMotion) -> tuple[Any, Any, _BodyMotion]:
+def _across(
+    joint: Joint, parent: _BodyMotion, joint_motion: _JointMotion
+) -> tuple[Expression, Expression, _BodyMotion]:
     """Return the axes and the origin of a joint in base, and the motion of its child.
 
     The axes are z (3,), or for a ball joint x, y, z (3, 3) of the child's joint frame.
@@ -175,9 +190,9 @@ def _across(joint: Joint, parent: _BodyMotion, joint_motion: _JointMotion) -> tu
     if joint.type == "prismatic":
         r = r + z * joint_motion.x
         w = parent.w
-        turn = parent.turn
+        wd = parent.wd
         coriolis = 2 * ca.cross(w, z * joint_motion.xd)
-        a = parent.a + _carried(turn, w, r) + z * joint_motion.xdd + coriolis
+        a = parent.a + _carried(wd, w, r) + z * joint_motion.xdd + coriolis
     else:
         if joint.type == "spherical":
             R = R @ ca.horzcat(*[turned(joint_motion.x, ca.SX(axis)) for axis in np.eye(3)])
@@ -186,35 +201,38 @@ def _across(joint: Joint, parent: _BodyMotion, joint_motion: _JointMotion) -> tu
             R = R @ symbolic.rotation_z(joint_motion.x)
         spin = z @ joint_motion.xd
         w = parent.w + spin
-        turn = parent.turn + z @ joint_motion.xdd + ca.cross(parent.w, spin)
-        a = parent.a + _carried(parent.turn, parent.w, r)
+        wd = parent.wd + z @ joint_motion.xdd + ca.cross(parent.w, spin)
+        a = parent.a + _carried(parent.wd, parent.w, r)
     p = parent.p + r
     s = R @ T_joint_child[:3, 3]
-    child = _BodyMotion(R @ T_joint_child[:3, :3], p + s, w, turn, a + _carried(turn, w, s))
+    child = _BodyMotion(R @ T_joint_child[:3, :3], p + s, w, wd, a + _carried(wd, w, s))
     return z, p, child
 
 
 def _coordinates(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return x0 (m,) and S (m, n): the coordinates of the tree joints are x0 + S q."""
     dynamics = Dynamics(mechanism)
-    places = [dynamics.model.tree.configuration[joint.name] for joint in mechanism.tree]
-    x0 = np.array(dynamics.configuration(np.zeros(dynamics.n)))[places]
+    indices = [dynamics.model.tree.configuration[joint.name] for joint in mechanism.tree]
+    x0 = np.array(dynamics.configuration(np.zeros(dynamics.n)))[indices]
     # Couplings are linear, so that one unit step of each active joint gives a column of S.
     columns = []
     for unit in np.eye(dynamics.n):
-        x = np.array(dynamics.configuration(unit))[places]
+        x = np.array(dynamics.configuration(unit))[indices]
         columns.append(x - x0)
     S: Array = np.array(columns).T
-    # zeros that are rounding errors would make all terms of the compiled equations larger
-    return x0, np.round(S, 12)
+    # numbers that are 0 but for rounding errors would make all terms of the compiled equations larger
+    return x0, np.round(S, _COUPLING_DECIMALS)
 
 
-def _carried(turn: Any, w: Any, r: Any) -> Any:
-    """Return the acceleration of a point at r on a body whose origin does not accelerate."""
-    return ca.cross(turn, r) + ca.cross(w, ca.cross(w, r))
+def _carried(wd: Expression, w: Expression, r: Expression) -> Expression:
+    """Return the acceleration (3,) of a point at r (3,) on a body whose origin does not accelerate."""
+    return ca.cross(wd, r) + ca.cross(w, ca.cross(w, r))
 
 
-_KINDS = ("revolute", "prismatic", "spherical")
+_COUPLING_DECIMALS = 12
+"""Decimals of the factors of couplings (rad/rad, m/rad, ...): far above rounding errors, far below any real factor."""
+
+_PASSIVE_TYPES = ("revolute", "prismatic", "spherical")
 """Types of the passive joints that the recursion along the tree knows."""
 
 
@@ -243,15 +261,16 @@ class LoopRates:
         equations = solver.equations
         self._solver = solver
         self.states = equations.states
-        self.passive: list[tuple[str, Any, slice]] = []
+        self.passive: list[tuple[str, ca.SX, slice]] = []
         start = 0
         for passive in equations.passive:
-            kind = passive.joint.type
-            if kind not in _KINDS:
+            joint_type = passive.joint.type
+            if joint_type not in _PASSIVE_TYPES:
+                known = ", ".join(_PASSIVE_TYPES)
                 raise MechanismError(
-                    f"the passive joint {passive.name} is {kind}: the equations of motion know {', '.join(_KINDS)}"
+                    f"the passive joint {passive.name} is {joint_type}: the equations of motion know {known}"
                 )
-            end = start + STEPS[kind]
+            end = start + STEPS[joint_type]
             self.passive.append((passive.name, passive.state, slice(start, end)))
             start = end
         self._count = start
@@ -259,7 +278,7 @@ class LoopRates:
         self._A_s = ca.substitute(equations.jacobian, equations.q, q)
         columns = []
         for i in range(q.numel()):
-            columns.append(self._solved(A_q[:, i]))
+            columns.append(self._solve(A_q[:, i]))
         self.gain = ca.horzcat(*columns)
         self.rates = self.gain @ qd
         # c: the derivative of A_q qd + A_s v along the motion, with v as symbols, which do not change
@@ -269,11 +288,11 @@ class LoopRates:
             stepped = passive.stepped(passive.step)
             per_step = ca.substitute(ca.jacobian(stepped, passive.step), passive.step, 0)
             changes.append(per_step @ v[rows])
-        along = ca.vertcat(qd, *changes)
-        c = ca.jtimes(A_q @ qd + self._A_s @ v, ca.vertcat(q, equations.states), along)
-        self.drift = self._solved(ca.substitute(c, v, self.rates))
+        direction = ca.vertcat(qd, *changes)
+        c = ca.jtimes(A_q @ qd + self._A_s @ v, ca.vertcat(q, equations.states), direction)
+        self.drift = self._solve(ca.substitute(c, v, self.rates))
 
-    def _solved(self, b: ca.SX) -> ca.SX:
+    def _solve(self, b: ca.SX) -> ca.SX:
         """Return x (k,) with A_s x = -b."""
         x: dict[int, ca.SX] = {}
         for block, sample in zip(self._solver.blocks, self._solver.samples, strict=True):

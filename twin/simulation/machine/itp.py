@@ -29,18 +29,21 @@ from twin.core.errors import DeviceError
 from twin.core.spatial import Array
 
 PACKET = struct.Struct("<3I6i8d6i")
+"""Layout of a packet: 23 numbers in 124 bytes, in the order of the table."""
 
-_FIRST = struct.Struct("<I")
+_SEQUENCE_FIELD = struct.Struct("<I")
+"""Layout of its first number, the sequence number."""
 
 FIELDS = ("x", "y", "z", "qw", "qx", "qy", "qz", "grasp", "pedal")
 """Names of the numbers of `Packet.values`."""
 
-_HALF = 2**31
+_INT32_RANGE = 2**31
+"""A signed 32-bit number is from minus this number to this number, less one."""
 
-_NUMBERS = 2**32 - 1
+_CYCLE = 2**32 - 1
 """Number of sequence numbers in a cycle: 1 to 2^32 - 1, then 1 again; 0 is left out, because it asks for an answer."""
 
-_UNIT = 1e-3
+_QUATERNION_TOLERANCE = 1e-3
 """Largest accepted difference of a quaternion's length from 1."""
 
 
@@ -63,7 +66,7 @@ def checksum(numbers: tuple[float, ...]) -> int:
     buttons = numbers[17:19]
     surgeon_mode = numbers[21]
     total = int(surgeon_mode + sum(increments) + sum(buttons) + sequence)
-    return (total + _HALF) % (2 * _HALF) - _HALF
+    return (total + _INT32_RANGE) % (2 * _INT32_RANGE) - _INT32_RANGE
 
 
 def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
@@ -84,22 +87,23 @@ def pack(sequence: int, arm: int, values: Array, version: int = 0) -> bytes:
 
 def number_of(count: int) -> int:
     """Return the sequence number of the `count`-th packet of a sender; `count` is 1, 2, ... without limit."""
-    return (count - 1) % _NUMBERS + 1
+    return (count - 1) % _CYCLE + 1
 
 
-def ahead(sequence: int, last: int) -> int:
-    """Return how many packets `sequence` comes after `last`; the result is negative if it comes before `last`.
+def ahead(sequence: int, previous: int) -> int:
+    """Return how many packets `sequence` comes after `previous`; the result is negative if it comes before `previous`.
 
     As in serial number arithmetic (RFC 1982), the shorter way around the cycle counts: 1 is one packet after 2^32 - 1.
     """
-    return (sequence - last + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2
+    half = _CYCLE // 2
+    return (sequence - previous + half) % _CYCLE - half
 
 
 def sequence_of(data: bytes) -> int:
     """Return the sequence number of a packet without checking the packet; 0 if the packet is too short to have one."""
-    if len(data) < _FIRST.size:
+    if len(data) < _SEQUENCE_FIELD.size:
         return 0
-    return _FIRST.unpack_from(data)[0]
+    return _SEQUENCE_FIELD.unpack_from(data)[0]
 
 
 def renumbered(data: bytes, sequence: int) -> bytes:
@@ -131,8 +135,10 @@ def unpack(data: bytes, arm: int, version: int) -> Packet:
     if length == 0:
         w = 1.0  # all 0: no rotation
         length = 1.0
-    elif not abs(length - 1) <= _UNIT:
-        raise DeviceError(f"the quaternion of arm {arm} has length {length:g}; it must be 1 ± {_UNIT:g}, or all 0")
+    elif not abs(length - 1) <= _QUATERNION_TOLERANCE:
+        raise DeviceError(
+            f"the quaternion of arm {arm} has length {length:g}; it must be 1 ± {_QUATERNION_TOLERANCE:g}, or all 0"
+        )
     quat_wxyz = (w / length, x / length, y / length, z / length)
     jaws = numbers[19 + arm]
     return Packet(numbers[0], np.array([*increments, *quat_wxyz, jaws, surgeon_mode], float))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.receiver import Sender
 from twin.simulation.machine.simulated_machine import Machine
 
 
@@ -34,7 +34,7 @@ class MachineAndModel:
         self.machine.start()
         self.model.start()
 
-    def step(self, t: float, packets: Iterable[tuple[bytes, Any]] = ()) -> list[tuple[bytes, Any]]:
+    def step(self, t: float, packets: Iterable[tuple[bytes, Sender]] = ()) -> list[tuple[bytes, Sender]]:
         """Run one tick of machine and model at t in s; return the packets that the machine sends back."""
         packets = list(packets)
         answers = self.machine.step(t, packets)

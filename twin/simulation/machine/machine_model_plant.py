@@ -19,7 +19,8 @@ from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TIC
 from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.simulated_machine import Machine, Parts
+from twin.simulation.machine.machine_parts import Parts
+from twin.simulation.machine.simulated_machine import Machine
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     ROBOT_APART,

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from twin.core.spatial import Array
 from twin.simulation.machine.itp import number_of, pack
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.settings import Settings
-from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ROBOT_PACKET
 

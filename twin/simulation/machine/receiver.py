@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from twin.core.errors import DeviceError
 from twin.simulation.machine.itp import Packet, ahead, unpack
+
+Sender = str | tuple[str, int]
+"""Who sent a packet: in a network the address (host, port), in a simulation a name."""
 
 
 class Receiver:
@@ -19,8 +20,10 @@ class Receiver:
 
     Attributes:
         master: address of the sender whose packets are accepted; None: the next sender is accepted.
+        timeout: time-out in s.
         accepted, refused: number of packets so far.
         reason: reason for the latest refusal.
+        sequence: sequence number of the master's last packet; 0 before the first one.
     """
 
     def __init__(self, arm: int, version: int, timeout: float) -> None:
@@ -28,15 +31,15 @@ class Receiver:
         self._arm = arm
         self._version = version
         self.timeout = timeout
-        self.master: Any = None
+        self.master: Sender | None = None
         self.accepted = 0
         self.refused = 0
         self.reason = ""
         self.sequence = 0
         self._pedal = False
-        self._heard = float("-inf")  # time in s of the last packet of the master
+        self._last_heard = float("-inf")  # time in s of the last packet of the master
 
-    def read(self, data: bytes, sender: Any, t: float) -> Packet | None:
+    def read(self, data: bytes, sender: Sender, t: float) -> Packet | None:
         """Return the content of a packet that arrives at t in s; None: its number is 0, so the caller sends it back.
 
         Raises:
@@ -49,7 +52,7 @@ class Receiver:
             self.reason = str(error)
             raise
 
-    def _read(self, data: bytes, sender: Any, t: float) -> Packet | None:
+    def _read(self, data: bytes, sender: Sender, t: float) -> Packet | None:
         packet = unpack(data, self._arm, self._version)
         if self.silent(t):
             self.master = None
@@ -68,7 +71,7 @@ class Receiver:
             raise DeviceError(f"the sequence number {packet.sequence} is not after the last one, {self.sequence}")
         self.sequence = packet.sequence
         self.master = sender
-        self._heard = t
+        self._last_heard = t
         if gap:
             raise DeviceError(f"{gap} packets are missing before packet {packet.sequence}, which is dropped, too")
         self.accepted += 1
@@ -77,7 +80,7 @@ class Receiver:
 
     def silent(self, t: float) -> bool:
         """Return whether no packet of the master has arrived for longer than the time-out."""
-        return t - self._heard > self.timeout
+        return t - self._last_heard > self.timeout
 
     def pedal(self, t: float) -> bool:
         """Return whether the pedal is down; a silent master's pedal counts as up."""

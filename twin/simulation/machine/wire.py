@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.itp import PACKET, renumbered, sequence_of
+from twin.simulation.machine.receiver import Sender
 
-SENT = ("sequence",)
+WIRE_NUMBERS = ("sequence",)
 """Names of the numbers of the signal `wire`."""
 
 
@@ -24,10 +24,10 @@ class Wire:
     def __init__(self, faults: Sequence[Fault]) -> None:
         """Store the faults of the signal `wire`."""
         self._faults = faults
-        self._tick = 0
-        self._late: list[tuple[int, bytes, Any]] = []  # (tick of arrival, packet, sender)
+        self._tick = 0  # sequence of calls of `carry`
+        self._late: list[tuple[int, bytes, Sender]] = []  # (tick of arrival, packet, sender)
 
-    def carry(self, t: float, packets: Iterable[tuple[bytes, Any]]) -> list[tuple[bytes, Any]]:
+    def carry(self, t: float, packets: Iterable[tuple[bytes, Sender]]) -> list[tuple[bytes, Sender]]:
         """Return the packets (bytes, sender) that arrive in this tick, at t in s."""
         if not self._faults:
             return list(packets)
@@ -44,21 +44,22 @@ class Wire:
             arrived += self._disturbed(t, data, sender)
         return arrived
 
-    def _disturbed(self, t: float, data: bytes, sender: Any) -> list[tuple[bytes, Any]]:
-        number = sequence_of(data)
+    def _disturbed(self, t: float, data: bytes, sender: Sender) -> list[tuple[bytes, Sender]]:
+        """Return the copies of a packet that arrive now, and store those that arrive later."""
+        sequence = sequence_of(data)
         copies = 1
         delay = 0  # in ticks; the delays of several faults add up
         for fault in self._faults:
-            moment = number if fault.counts else t
-            copies *= fault.copies(moment)
+            time_or_sequence = sequence if fault.counts else t
+            copies *= fault.copies(time_or_sequence)
             if fault.operation == "delay":
-                if fault.start <= moment < fault.stop:
+                if fault.start <= time_or_sequence < fault.stop:
                     delay += int(np.asarray(fault.value))
             elif len(data) == PACKET.size:
-                (value,) = fault.change(moment, np.array([float(number)]))
-                changed = int(value)
-                if changed != number:
-                    data = renumbered(data, changed)
+                (value,) = fault.change(time_or_sequence, np.array([float(sequence)]))
+                new_sequence = int(value)
+                if new_sequence != sequence:
+                    data = renumbered(data, new_sequence)
         if delay and copies:
             self._late += [(self._tick + delay, data, sender)] * copies
             return []

@@ -14,9 +14,9 @@ from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.trainee import Trainee
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import MachineLink
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.packet_exchange import Exchange
-from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session.session_file import SessionWriter
 from twin.simulation.session.session_run import Keep, SessionRun, head_of, kept, seat_of
 from twin.simulation.session.tape import Tape

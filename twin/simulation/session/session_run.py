@@ -19,7 +19,7 @@ from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.surgeon_hands import Eye, Seat, SimulatedHands
-from twin.simulation.machine.simulated_machine import Parts
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.session import session_file
 from twin.simulation.session.forces import ForceMeasures, ForceMeter
 from twin.simulation.session.session_file import Session, SessionWriter

@@ -17,8 +17,8 @@ from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
+from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK
-from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.machine.state_packets import State
 
 _APART = 1e-5
