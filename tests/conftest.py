@@ -126,7 +126,7 @@ def parsed_once(request):
     true = guard._limited
 
     def limited(kind, seconds, memory, *arguments):
-        beside = guard._BESIDE.get(kind)
+        beside = guard._REFERRED_SUFFIXES.get(kind)
         if beside is None:
             return true(kind, seconds, memory, *arguments)
         files = {
@@ -136,7 +136,7 @@ def parsed_once(request):
         if any(b"../" in d for d in data.values()):  # another folder has a say
             return true(kind, seconds, memory, *arguments)
         content = [(a.name, f.relative_to(a.parent), hashlib.sha256(data[f]).digest()) for a in files for f in files[a]]
-        key = (guard._PROGRAMS[kind], seconds, memory, *content)
+        key = (guard._PARSERS[kind], seconds, memory, *content)
         if key in _PASSED:
             return _PASSED[key]
         outcome = true(kind, seconds, memory, *arguments)

@@ -163,7 +163,7 @@ def test_folder_that_cannot_be_written_leaves_no_parents(tmp_path, monkeypatch):
     def refuse(*_):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(atomic, "_made", refuse)
+    monkeypatch.setattr(atomic, "_new_scratch", refuse)
     with pytest.raises(OutputError, match="Permission denied"), atomic_folder(tmp_path / "a/b"):
         pytest.fail("the block is not entered")
     assert _tree(tmp_path) == {}

@@ -360,7 +360,7 @@ def test_the_driver_computes_or_takes_the_arguments():
     ]
     for call in calls:
         with pytest.raises(GpuError, match=MISSING):
-            card._do("answer", *call)
+            card._call("answer", *call)
     card._enter = lambda: None
     card._pinned = {array.ctypes.data: 64}
     for work in (

@@ -17,8 +17,8 @@ import twin
 from twin.cli import main
 from twin.core.errors import CodeRefusedError, TwinError
 from twin.core.foreign.consent import NO_CODE
-from twin.core.jobs import Call, _answer
-from twin.core.processes import Apart, isolated
+from twin.core.jobs import Call, _send_answer
+from twin.core.processes import WorkerProcess, isolated
 from twin.ui.session.timeline import prepare
 
 TWIN = Path(twin.__file__).parent
@@ -51,14 +51,14 @@ def test_nor_does_a_process_that_answers_over_a_line(hostile, monkeypatch):
 
 
 def test_a_process_ends_with_its_owner_and_not_by_ctrl_c():
-    process = Apart(_answer, prepare.__module__, prepare.__qualname__, ("no_such_robot", None), 0)
+    process = WorkerProcess(_send_answer, prepare.__module__, prepare.__qualname__, ("no_such_robot", None), 0)
     pid = process._process.pid
     os.kill(pid, signal.SIGINT)
     assert process.line.poll(60)
     process.line.recv()
     process.close()
     assert not process.alive
-    process = Apart(_answer, prepare.__module__, prepare.__qualname__, ("sils", None), 0)
+    process = WorkerProcess(_send_answer, prepare.__module__, prepare.__qualname__, ("sils", None), 0)
     pid = process._process.pid
     del process
     with pytest.raises(ProcessLookupError):

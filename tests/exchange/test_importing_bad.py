@@ -144,24 +144,24 @@ def test_a_bad_file_leaves_no_folder_and_exits_2(name, tmp_path, capsys):
 def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path, monkeypatch):
     path = tmp_path / "bad.xml"
     path.write_text("<mujoco/>")
-    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    monkeypatch.setitem(guard._PARSERS, "MJCF", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     with pytest.raises(SourceError, match=r"bad\.xml: the MJCF parser crashed \(SIGSEGV"):
         guard.run(path, "MJCF")
-    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "while True: pass")
+    monkeypatch.setitem(guard._PARSERS, "MJCF", "while True: pass")
     monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=0.5, memory=10**9))
     with pytest.raises(BudgetError, match=r"bad\.xml: the MJCF parser exceeded its limit of 0 s of processor time"):
         guard.run(path, "MJCF")
     monkeypatch.setitem(guard.BUDGETS, "MJCF", Budget(10**6, seconds=20, memory=10**9))
-    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "a = [bytes(10**8) + b'x' for i in range(100)]")
+    monkeypatch.setitem(guard._PARSERS, "MJCF", "a = [bytes(10**8) + b'x' for i in range(100)]")
     with pytest.raises(BudgetError, match="exceeded its limit of 1,000 MB of memory"):
         guard.run(path, "MJCF")
-    monkeypatch.setattr(guard, "_IDLE", 0.5)
-    monkeypatch.setitem(guard._PROGRAMS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
+    monkeypatch.setattr(guard, "_MOST_IDLE_S", 0.5)
+    monkeypatch.setitem(guard._PARSERS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
     with pytest.raises(BudgetError, match="refers to an endless stream"):
         guard.run(path, "MJCF")
 
 
-@pytest.mark.parametrize("kind", sorted(guard._PROGRAMS))
+@pytest.mark.parametrize("kind", sorted(guard._PARSERS))
 def test_the_guard_lets_good_files_pass(kind, tmp_path):
     step = DATA.parent / "cad/crank.step"
     good = {"MJCF": DATA / "good.xml", "USD": DATA / "models/fourbar.usda", "STEP": step, "fine STEP": step}
@@ -197,6 +197,6 @@ def test_files_pass_together_or_none_does(tmp_path, monkeypatch):
     bad = tmp_path / "bad.usda"
     bad.write_text("#usda 1.0\ndef {", "utf-8")
     assert admit_together([*good, bad]) == set()
-    crashing = guard._PROGRAMS["USD"] + "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
-    monkeypatch.setitem(guard._PROGRAMS, "USD", crashing)
+    crashing = guard._PARSERS["USD"] + "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    monkeypatch.setitem(guard._PARSERS, "USD", crashing)
     assert admit_together(good) == set()

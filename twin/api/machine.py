@@ -10,7 +10,7 @@ from twin.api.robot import Robot
 from twin.api.robot_loading import load
 from twin.core import assets
 from twin.core.errors import DeviceError, TwinError, unknown
-from twin.core.processes import Apart
+from twin.core.processes import WorkerProcess
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.fault import Fault
@@ -122,7 +122,7 @@ class ChildMachine:
         from twin.simulation.machine.machine_link import Address
         from twin.simulation.machine.machine_server import HOST
 
-        self._process = Apart(_run, robot, tuple(faults))
+        self._process = WorkerProcess(_run, robot, tuple(faults))
         try:
             answer = self._process.line.recv()  # see `_run`
         except EOFError:

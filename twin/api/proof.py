@@ -14,7 +14,7 @@ from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
-from twin.core.format import ROUNDING
+from twin.core.format import EXACT_BELOW
 from twin.core.json_types import JsonObject
 from twin.core.progress import Progress, silent
 from twin.core.quantity import Quantity
@@ -134,7 +134,7 @@ class Proved(Result):
             if claim.status == "proved":
                 odds = f"1e{math.ceil(claim.log_odds)}"
             largest_text = "rounding"
-            if claim.status == "refuted" or claim.largest >= ROUNDING:
+            if claim.status == "refuted" or claim.largest >= EXACT_BELOW:
                 # refuted by exact numbers alone, where floating point has no value
                 largest_text = "no value"
                 if claim.largest:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from twin.cli.server_address import ros_port_and_url
 from twin.core.errors import TwinError
-from twin.core.processes import Apart
+from twin.core.processes import WorkerProcess
 from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.access.rules import is_local
@@ -36,7 +36,7 @@ class RosProcess:
             tell("rosbridge is open to the network, without TLS: others in the network can read and change messages")
         self._tell = tell
         address = Address(HOST, server.port, server.state_port)
-        self._process = Apart(machine_bridge.run, robot, address, host, port, url)
+        self._process = WorkerProcess(machine_bridge.run, robot, address, host, port, url)
 
     def relay(self) -> bool:
         """Print the lines that the process has said so far; return False, because they do not end the machine.

@@ -19,7 +19,7 @@ from twin.core.errors import KinematicsError, TwinError, unknown
 from twin.core.foreign.once import Once
 from twin.core.foreign.text import read_text
 
-_BESIDE = ("dimensions", "inertia", "machine", "exhibit", "scene", "scenery")
+_OTHER_TABLES = ("dimensions", "inertia", "machine", "exhibit", "scene", "scenery")
 """Names, without suffix, of TOML files in a robot's cad/ folder that are not its description."""
 
 NO_EQUATIONS = "FORMULA = None"
@@ -214,4 +214,4 @@ def hidden(robot: str | Path) -> Path | None:
 
 def _descriptions(folder: Path) -> list[Path]:
     """Return the TOML files in a robot folder that may be its description."""
-    return [path for path in (folder / "cad").glob("*.toml") if path.stem not in _BESIDE]
+    return [path for path in (folder / "cad").glob("*.toml") if path.stem not in _OTHER_TABLES]

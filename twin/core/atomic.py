@@ -25,17 +25,17 @@ from twin.core import unfinished
 from twin.core.cache import cache_folder
 from twin.core.errors import OutputError
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """System error numbers for a full disk, an exceeded quota, and a file that is too large."""
 
 UNFINISHED = ".twin-"
 """Start of the names of folders with files that are not yet complete."""
 
-_SUFFIX = ".tmp"
-_OWN = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
+_SCRATCH_SUFFIX = ".tmp"
+_SCRATCH_NAME = re.compile(r"\.twin-[a-z0-9_]{8}\.tmp")
 """Names of the folders that this module creates, in a target folder or in the folder for temporary files."""
 
-_ABOVE = 4
+_PARENT_LEVELS = 4
 """Number of parent folders in which `settle` searches for the journal of an interrupted write. The journal is in the
 nearest parent folder that existed before the write began."""
 
@@ -64,7 +64,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     try:
         base = _nearest_existing(target)
         settle(base)
-        scratch, lock = _claim(lambda: _made(base))
+        scratch, lock = _claimed(lambda: _new_scratch(base))
     except OSError as error:
         raise OutputError(_unwritable(target, error)) from error
     try:
@@ -74,7 +74,7 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
             yield scratch / "new"
             with _locked(base):
                 _commit(base, target, scratch, replacing)
-            is_inner = any(map(_OWN.fullmatch, target.parts))  # an outer block is still writing
+            is_inner = any(map(_SCRATCH_NAME.fullmatch, target.parts))  # an outer block is still writing
             if not is_inner and cache_folder("") not in target.parents:
                 completed.append(target)
         except OSError as error:
@@ -147,10 +147,10 @@ class Scratch(tempfile.TemporaryDirectory):
         def make() -> str:
             if hasattr(self, "name"):  # another process removed the folder before it was locked
                 super(Scratch, self).cleanup()
-            super(Scratch, self).__init__(_SUFFIX, UNFINISHED)
+            super(Scratch, self).__init__(_SCRATCH_SUFFIX, UNFINISHED)
             return self.name
 
-        _, self._lock = _claim(make)
+        _, self._lock = _claimed(make)
 
     def cleanup(self) -> None:
         """Remove the folder."""
@@ -163,11 +163,11 @@ class Scratch(tempfile.TemporaryDirectory):
 def settle(folder: Path) -> None:
     """Complete, undo or remove unfinished writes of killed processes in a folder and its nearest parent folders."""
     place = folder.absolute()
-    for base in (place, *list(place.parents)[:_ABOVE]):
+    for base in (place, *list(place.parents)[:_PARENT_LEVELS]):
         try:
             scratch_folders = []
             for entry in os.scandir(base):
-                if _OWN.fullmatch(entry.name):
+                if _SCRATCH_NAME.fullmatch(entry.name):
                     scratch_folders.append(Path(entry.path))
         except (OSError, ValueError):  # the folder does not exist, or its name is no path
             continue
@@ -180,7 +180,7 @@ def settle_all() -> None:
     """Complete, undo or remove the unfinished writes of all killed processes of this user, in any folder."""
     for scratch in unfinished.abandoned():
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a folder of twin
-            if _OWN.fullmatch(scratch.name) and scratch.is_dir():
+            if _SCRATCH_NAME.fullmatch(scratch.name) and scratch.is_dir():
                 _settle(scratch.parent, scratch)
             if not scratch.exists():
                 unfinished.remove(scratch)
@@ -199,9 +199,9 @@ def _settle(base: Path, scratch: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while the owner process is alive
         with _locked(base):
             if (scratch / _COMMIT).is_file():
-                _forward(base, scratch)
+                _complete_moves(base, scratch)
             elif (scratch / _UNDO).is_file():
-                _back(base, scratch)
+                _undo_moves(base, scratch)
         _discard(scratch)
     finally:
         os.close(lock)
@@ -216,10 +216,10 @@ def _discard(scratch: Path) -> None:
         unfinished.remove(scratch)
 
 
-def _made(base: Path) -> str:
+def _new_scratch(base: Path) -> str:
     """Create a temporary folder with a random name in `base`; it is registered before, as the process may be killed."""
     while True:
-        scratch = base / f"{UNFINISHED}{os.urandom(4).hex()}{_SUFFIX}"
+        scratch = base / f"{UNFINISHED}{os.urandom(4).hex()}{_SCRATCH_SUFFIX}"
         unfinished.register(scratch)
         try:
             scratch.mkdir(mode=0o700)
@@ -231,7 +231,7 @@ def _made(base: Path) -> str:
             raise
 
 
-def _claim(make: Callable[[], str]) -> tuple[Path, int]:
+def _claimed(make: Callable[[], str]) -> tuple[Path, int]:
     """Create, lock and register a folder; if another process removes the folder before it is locked, try again."""
     while True:
         scratch = Path(make())
@@ -252,7 +252,7 @@ def _claim(make: Callable[[], str]) -> tuple[Path, int]:
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Allow only one process at a time to move files in a folder."""
-    if _OWN.fullmatch(folder.name):  # this process has already locked the folder
+    if _SCRATCH_NAME.fullmatch(folder.name):  # this process has already locked the folder
         yield
         return
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -280,7 +280,7 @@ def _commit(base: Path, target: Path, scratch: Path, replacing: Collection[str])
     for number, name in enumerate([*placed_names, *dropped_names]):
         final = base / name
         if final.is_file():
-            _keep(final, scratch / "old" / str(number))
+            _copy_aside(final, scratch / "old" / str(number))
         elif final.exists():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(final))
     folders = set()
@@ -293,20 +293,20 @@ def _commit(base: Path, target: Path, scratch: Path, replacing: Collection[str])
     data = {
         "put": moves,
         "drop": dropped_names,
-        "made": [folder.relative_to(base).as_posix() for folder in _missing(folders, base)],
+        "made": [folder.relative_to(base).as_posix() for folder in _missing_folders(folders, base)],
     }
     (scratch / "journal").write_text(json.dumps(data), encoding="utf-8")
     os.rename(scratch / "journal", scratch / _COMMIT)  # noqa: PTH104 - os.rename names the atomic system call
     try:
-        _forward(base, scratch)
+        _complete_moves(base, scratch)
     except BaseException:
         if (scratch / _COMMIT).is_file():  # otherwise all moves were done before the interrupt
             os.rename(scratch / _COMMIT, scratch / _UNDO)  # noqa: PTH104
-            _back(base, scratch)
+            _undo_moves(base, scratch)
         raise
 
 
-def _missing(folders: Collection[Path], base: Path) -> list[Path]:
+def _missing_folders(folders: Collection[Path], base: Path) -> list[Path]:
     """Return the folders, and their parent folders in `base`, that do not exist, sorted."""
     missing = set()
     for folder in folders:
@@ -316,7 +316,7 @@ def _missing(folders: Collection[Path], base: Path) -> list[Path]:
     return sorted(missing)
 
 
-def _forward(base: Path, scratch: Path) -> None:
+def _complete_moves(base: Path, scratch: Path) -> None:
     """Complete the moves of a journal; moves that are already done are skipped."""
     journal = json.loads((scratch / _COMMIT).read_text(encoding="utf-8"))
     for name, source in journal["put"]:
@@ -326,11 +326,11 @@ def _forward(base: Path, scratch: Path) -> None:
             final.parent.mkdir(parents=True, exist_ok=True)
             os.replace(fresh, final)  # noqa: PTH105
     for name in journal["drop"]:
-        _drop(base, _inside(base, name))
+        _remove_file(base, _inside(base, name))
     (scratch / _COMMIT).unlink()  # from here on the folder can be removed
 
 
-def _back(base: Path, scratch: Path) -> None:
+def _undo_moves(base: Path, scratch: Path) -> None:
     """Undo the moves of a journal: restore the previous files."""
     journal = json.loads((scratch / _UNDO).read_text(encoding="utf-8"))
     moves = list(journal["put"])
@@ -363,7 +363,7 @@ def _inside(base: Path, name: str) -> Path:
     return path
 
 
-def _drop(base: Path, file: Path) -> None:
+def _remove_file(base: Path, file: Path) -> None:
     """Remove a file, and then its parent folders below `base` that are empty."""
     file.unlink(missing_ok=True)
     for parent in file.parents:
@@ -375,7 +375,7 @@ def _drop(base: Path, file: Path) -> None:
             return
 
 
-def _keep(file: Path, copy: Path) -> None:
+def _copy_aside(file: Path, copy: Path) -> None:
     """Create a second copy of a file, as a hard link if possible."""
     try:
         copy.hardlink_to(file)
@@ -385,9 +385,9 @@ def _keep(file: Path, copy: Path) -> None:
 
 def no_room(error: BaseException) -> str:
     """Return an error text with advice for a full disk; "" for any other error."""
-    if not (isinstance(error, OSError) and error.errno in FULL):
+    if not (isinstance(error, OSError) and error.errno in DISK_FULL):
         return ""
-    written = _written(error)
+    written = _unwritten_path(error)
     place = Path(written).parent if written else "the disk"
     return (
         f"cannot write to {place}: {error.strerror}. Free some space, or choose another folder with --out, or, for "
@@ -398,14 +398,14 @@ def no_room(error: BaseException) -> str:
 def _unwritable(target: Path, error: OSError) -> str:
     """Return the message for a target that cannot be written, with the way out."""
     text = f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
-    if error.errno not in FULL:
+    if error.errno not in DISK_FULL:
         return text
-    written = _written(error)
+    written = _unwritten_path(error)
     if written and not Path(written).absolute().is_relative_to(target.absolute().parent):
         return no_room(error)  # the error concerns another file
     return f"{text} Temporary files are in {tempfile.gettempdir()} (TMPDIR)."
 
 
-def _written(error: OSError) -> str | None:
+def _unwritten_path(error: OSError) -> str | None:
     """Return the path that could not be written (for a copy or a move: the destination); None if it is unknown."""
     return error.filename2 or error.filename

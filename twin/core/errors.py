@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-_LIKE_UNREAD = 0.3
-"""Smallest similarity, of 1, of a name and an unread one that it may misspell: hardly any other name is meant."""
+_UNREAD_SIMILARITY = 0.3
+"""Smallest similarity, 0 to 1, of a name and an unread one that it may misspell: hardly any other name is meant."""
 
 
 class TwinError(Exception):
@@ -133,7 +133,7 @@ def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = 
 
 def _misspelt(name: str, unread: Sequence[str]) -> str | None:
     """Return the unread name that is most like a name, or the only one there is; None if there is none."""
-    close = get_close_matches(name, unread, n=1, cutoff=_LIKE_UNREAD)
+    close = get_close_matches(name, unread, n=1, cutoff=_UNREAD_SIMILARITY)
     if close:
         return close[0]
     if len(unread) == 1:

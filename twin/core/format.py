@@ -13,27 +13,27 @@ NONE = "–"
 EXACT = "exact"
 """Text for a difference that is a rounding error."""
 
-ROUNDING = 1e-9
+EXACT_BELOW = 1e-9
 """Differences in m, rad or their rates below this value are rounding errors: texts say `EXACT`, JSON has the number."""
 
-_SI = {"m": 1.0, "mm": MM, "um": UM, "rad": 1.0, "deg": DEG}
+_SIZE_IN_SI = {"m": 1.0, "mm": MM, "um": UM, "rad": 1.0, "deg": DEG}
 """{unit of a length or an angle: its size in SI}."""
 
-_STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+_LENGTH_UNITS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 """(size in m, prefix) of the units of lengths, the largest first."""
 
-_SMALLEST_STEP = 1e-12
+_SMALLEST_UNIT = 1e-12
 # below these values, a length in m or an angle in degrees counts as a rounding error
-_NOTHING_LENGTH = 1e-12
-_NOTHING_ANGLE = 1e-9
-_LARGE = 10.0  # length in m from which lengths are shown in m instead of mm
-_SMALL_ANGLE = 1e-4  # angle in degrees below which angles are shown with a power of ten
-_SMALL = 1e-3  # number of mm or um below which a length is shown in a smaller unit
+_ROUNDING_LENGTH = 1e-12
+_ROUNDING_ANGLE = 1e-9
+_METRES_FROM = 10.0  # length in m from which lengths are shown in m instead of mm
+_ANGLE_POWER_BELOW = 1e-4  # angle in degrees below which angles are shown with a power of ten
+_SMALLER_UNIT_BELOW = 1e-3  # number of mm or um below which a length is shown in a smaller unit
 # below and from these values, numbers are shown with a power of ten
 _POWER_BELOW = 1e-4
 _POWER_FROM = 1e7
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
+_UNIT_SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 
 
 def quantity(value: float | None, unit: str, digits: int | None = None) -> str:
@@ -71,7 +71,7 @@ def deviation(value: float | None, unit: str, limit: float | None = None) -> str
 def is_exact(value: float | None, unit: str, limit: float | None = None) -> bool:
     """Return whether a difference (`value` in `unit`) is a rounding error: see `deviation`."""
     base, _, _ = unit.partition("/")
-    if value is None or base not in _SI or not abs(value) * _SI[base] < ROUNDING:  # false for NaN
+    if value is None or base not in _SIZE_IN_SI or not abs(value) * _SIZE_IN_SI[base] < EXACT_BELOW:  # false for NaN
         return False
     return limit is None or abs(value) <= limit
 
@@ -83,7 +83,7 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     """
     if value is None or not math.isfinite(value):
         return _not_finite(value)
-    if 0 < abs(value) < _SMALL:
+    if 0 < abs(value) < _SMALLER_UNIT_BELOW:
         if unit == "mm":
             return quantity(value * 1e-3, "m", digits)
         if unit == "um":
@@ -105,7 +105,7 @@ def pretty_unit(unit: str) -> str:
     for part in parts:
         name = part.rstrip("23")
         exponent = part[len(name) :].translate(_SUPERSCRIPT)
-        pretty.append(_SIGNS.get(name, name) + exponent)
+        pretty.append(_UNIT_SIGNS.get(name, name) + exponent)
     return "/".join(pretty)
 
 
@@ -181,15 +181,15 @@ def _length(value: float, per: str, digits: int | None) -> str:
     """Return a length in m, or its rate with `per`, in a unit that suits its size."""
     if value == 0:
         return f"0 mm{per}"
-    if abs(value) < _NOTHING_LENGTH:
+    if abs(value) < _ROUNDING_LENGTH:
         return f"< 1 pm{per}"
-    for factor, prefix in _STEPS:
+    for factor, prefix in _LENGTH_UNITS:
         significant = digits or (4 if factor >= 1e-3 else 3)
         number = float(f"{value / factor:.{significant}g}")
         smallest = 1.0
         if factor == 1.0:
-            smallest = _LARGE
-        if factor == _SMALLEST_STEP:
+            smallest = _METRES_FROM
+        if factor == _SMALLEST_UNIT:
             smallest = 0.0
         if abs(number) >= smallest:
             return f"{plain(number, significant)} {prefix}m{per}"
@@ -199,9 +199,9 @@ def _length(value: float, per: str, digits: int | None) -> str:
 def _angle(deg: float, per: str, digits: int | None) -> str:
     """Return an angle in degrees, or its rate with `per`."""
     size = abs(deg)
-    if 0 < size < _NOTHING_ANGLE:
+    if 0 < size < _ROUNDING_ANGLE:
         return f"< 10⁻⁹°{per}"
-    if 0 < size < _SMALL_ANGLE:
+    if 0 < size < _ANGLE_POWER_BELOW:
         return f"{power(deg, digits or 3)}°{per}"
     if not digits:
         digits = 4 if size >= 1 else 3

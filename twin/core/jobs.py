@@ -15,17 +15,21 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from multiprocessing.connection import Connection
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from twin.core.atomic import no_room
 from twin.core.errors import TwinError
-from twin.core.processes import Apart
+from twin.core.processes import WorkerProcess
 from twin.core.program_end import ending
 
 PROCESSORS = "TWIN_PROCESSORS"
 """Environment variable that limits the number, for computers that several people or programs share."""
 
+Answer = TypeVar("Answer")
+"""What the function of a `Call` returns."""
+
 Piece = TypeVar("Piece")
+"""A part of the result of a job, as the function of a `Stream` yields it."""
 
 
 @cache
@@ -47,7 +51,7 @@ def usable_processors() -> int:
     return min(int(limit), granted)
 
 
-class Call:
+class Call(Generic[Answer]):
     """A function call in a separate process; the process ends at the end of the `with` block, or at `close`.
 
     Args:
@@ -56,9 +60,9 @@ class Call:
         nice: increase of the process's nice value, which lowers its priority.
     """
 
-    def __init__(self, function: Callable[..., Any], *arguments: Any, nice: int = 0) -> None:
-        self._process = Apart(_answer, function.__module__, function.__qualname__, arguments, nice)
-        self._outcome: tuple[Any, str | None] | None = None
+    def __init__(self, function: Callable[..., Answer], *arguments: object, nice: int = 0) -> None:
+        self._process = WorkerProcess(_send_answer, function.__module__, function.__qualname__, arguments, nice)
+        self._outcome: tuple[Answer, None] | tuple[None, str] | None = None
         # A result may be larger than the pipe's buffer, so a thread reads the pipe continuously.
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -68,7 +72,7 @@ class Call:
         """Whether a result or an error has arrived."""
         return self._outcome is not None
 
-    def result(self) -> Any:
+    def result(self) -> Answer:
         """Wait for the result and return it.
 
         Raises:
@@ -79,7 +83,7 @@ class Call:
         answer, error = self._outcome
         if error is not None:
             raise TwinError(error)
-        return answer
+        return cast("Answer", answer)
 
     def close(self) -> None:
         """Kill the process."""
@@ -87,7 +91,7 @@ class Call:
         self._reader.join()
         self._process.line.close()
 
-    def __enter__(self) -> Call:
+    def __enter__(self) -> Call[Answer]:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -97,17 +101,17 @@ class Call:
         try:
             self._outcome = self._process.line.recv()
         except (EOFError, OSError):
-            self._outcome = (None, self._process.end)
+            self._outcome = (None, self._process.end_text)
 
 
-def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...], nice: int) -> None:
+def _send_answer(line: Connection, module: str, name: str, arguments: tuple[object, ...], nice: int) -> None:
     """Send (result, None) of a call, or (None, error text)."""
     os.nice(nice)
     try:
         function = getattr(importlib.import_module(module), name)
         outcome = (function(*arguments), None)
     except (Exception, SystemExit) as error:
-        outcome = (None, _message(error))
+        outcome = (None, _error_text(error))
     line.send(outcome)
 
 
@@ -123,17 +127,17 @@ class Stream(Generic[Piece]):
         self._function = function
         self._nice = nice
         self._lock = threading.Lock()
-        self._process: Apart | None = None
+        self._process: WorkerProcess | None = None
         self._number = 0  # of the last job
         self._running = False
 
-    def start(self, job: Any) -> None:
+    def start(self, job: object) -> None:
         """Start a job; a running job is cancelled and its pieces are discarded."""
         with self._lock:
             if self._process is None or not self._process.alive:
                 self._close()
                 self._open()
-            self._say(job)
+            self._send(job)
 
     def poll(self) -> tuple[list[Piece], str | None]:
         """Return (new pieces, end).
@@ -148,7 +152,7 @@ class Stream(Generic[Piece]):
                     if number not in (self._number, None):
                         continue
                     if end is None:
-                        new.append(piece)
+                        new.append(cast("Piece", piece))
                         continue
                     self._running = False
                     if number is None:
@@ -160,14 +164,14 @@ class Stream(Generic[Piece]):
         """Cancel the running job; the process stays alive."""
         with self._lock:
             if self._process is not None:
-                self._say(None)
+                self._send(None)
 
     def close(self) -> None:
         """Kill the process; a later `start` creates a new one."""
         with self._lock:
             self._close()
 
-    def _say(self, job: Any) -> None:
+    def _send(self, job: object) -> None:
         """Send the next job to the process; None cancels the running one."""
         assert self._process is not None
         self._number += 1
@@ -178,10 +182,10 @@ class Stream(Generic[Piece]):
     def _open(self) -> None:
         """Start the process, and a thread that reads its pieces."""
         function = self._function
-        self._process = Apart(_stream, function.__module__, function.__qualname__, self._nice)
-        self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
+        self._process = WorkerProcess(_send_pieces, function.__module__, function.__qualname__, self._nice)
+        self._inbox: queue.SimpleQueue[tuple[int | None, Piece | None, str | None]] = queue.SimpleQueue()
         # A piece may be larger than the pipe's buffer; without this thread, `poll` would wait for the process.
-        threading.Thread(target=_read, args=(self._process, self._inbox), daemon=True).start()
+        threading.Thread(target=_fill, args=(self._process, self._inbox), daemon=True).start()
 
     def _close(self) -> None:
         self._running = False
@@ -190,15 +194,15 @@ class Stream(Generic[Piece]):
             self._process = None
 
 
-def _read(process: Apart, inbox: queue.SimpleQueue) -> None:
+def _fill(process: WorkerProcess, inbox: queue.SimpleQueue) -> None:
     """Put (number of the job, piece, end) into the inbox until the process ends; its own end has no number."""
     with process.line as line, suppress(EOFError, OSError):
         while True:
             inbox.put(line.recv())
-    inbox.put((None, None, process.end))
+    inbox.put((None, None, process.end_text))
 
 
-def _stream(line: Connection, module: str, name: str, nice: int) -> None:
+def _send_pieces(line: Connection, module: str, name: str, nice: int) -> None:
     """Run jobs until the other end of the pipe is closed."""
     os.nice(nice)
     function = getattr(importlib.import_module(module), name)
@@ -216,10 +220,10 @@ def _stream(line: Connection, module: str, name: str, nice: int) -> None:
         except (BrokenPipeError, ConnectionResetError):
             raise
         except (Exception, SystemExit) as error:  # any error is reported; the calling program continues
-            line.send((number, None, _message(error)))
+            line.send((number, None, _error_text(error)))
 
 
-def _message(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     """Return an error as text for the parent process; the text of an unexpected error names its function and line."""
     if isinstance(error, SystemExit):
         return str(ending(error))

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from typing import Any
+from typing import TYPE_CHECKING
 
 import llvmlite
 import llvmlite.binding as llvm
 
 from twin.core import kernel_cache
 
-Call = Any
-"""C type of the kernel: a function of (begin, end, in, out, carry)."""
+if TYPE_CHECKING:
+    from _ctypes import CFuncPtr
 
 _lock = threading.Lock()
 _ready = False
 
 
-def compiled(text: str) -> tuple[Call, Any]:
+def compiled(text: str) -> tuple[CFuncPtr, object]:
     """Compile a kernel, or read it from the cache; return (kernel, object to keep alive while the kernel is used).
+
+    The kernel is a C function of (first row, row after the last, addresses of the inputs and of the outputs, address of
+    the values that one row hands to the next, or None).
 
     The key of a kernel in the cache is a hash of the text, the processor and the version of LLVM.
     """

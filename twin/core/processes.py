@@ -25,8 +25,11 @@ from typing import Any
 from twin.core import program_pipe
 from twin.core.program_end import name_exits
 
-_PACKAGES = ("site-packages", "dist-packages")
+_PACKAGE_FOLDERS = ("site-packages", "dist-packages")
+"""Names of the folders of installed packages."""
+
 _SERVE = "from twin.core.processes import serve; serve()"
+"""Program of a worker process; its argument is the file descriptor of its end of the pipe."""
 
 _F_SETSIG = 10
 """F_SETSIG of Linux, which the module `fcntl` does not define: the signal that is sent for a file descriptor."""
@@ -41,13 +44,13 @@ def isolated(program: str, *arguments: object) -> list[str]:
     """
     places = [str(Path(__file__).resolve().parents[2])]
     for place in sys.path:
-        if Path(place).is_absolute() and Path(place).name in _PACKAGES:
+        if Path(place).is_absolute() and Path(place).name in _PACKAGE_FOLDERS:
             places.append(place)
     # a parent that has ended before this line would never close the pipe by which the kernel kills the child
-    head = f"import os, sys; os.getppid() == {os.getpid()} or sys.exit(1)\n"
-    head += f"sys.path += [p for p in {places!r} if p not in sys.path]\n"
+    preamble = f"import os, sys; os.getppid() == {os.getpid()} or sys.exit(1)\n"
+    preamble += f"sys.path += [p for p in {places!r} if p not in sys.path]\n"
     flags = ["-I", "-X", "utf8", *(["-B"] if sys.dont_write_bytecode else [])]
-    return [sys.executable, *flags, "-c", head + program, *map(str, arguments)]
+    return [sys.executable, *flags, "-c", preamble + program, *map(str, arguments)]
 
 
 _SPAWNED = "--multiprocessing-fork"
@@ -129,7 +132,7 @@ def spawning_children() -> Iterator[None]:
         util.spawnv_passfds = spawn
 
 
-class Apart:
+class WorkerProcess:
     """A function call in a separate process; the process ends when this object is deleted, or when this program ends.
 
     The process ignores Ctrl-C from its start, through an inherited signal mask.
@@ -143,7 +146,7 @@ class Apart:
         line: the parent's end of the pipe: `send`, `recv`, `poll`. The pipe closes when the process ends.
     """
 
-    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, function: Callable[..., None], *arguments: object) -> None:
         self.line, child_end = Pipe()
         with child_end:
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -152,7 +155,7 @@ class Apart:
                 self._process = Child(command, (child_end.fileno(),), stdin=subprocess.DEVNULL)
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        self._end = weakref.finalize(self, _end, self._process)
+        self._kill = weakref.finalize(self, _kill_and_wait, self._process)
         with contextlib.suppress(OSError):  # the process has already ended: `line` reports it
             self.line.send((function.__module__, function.__qualname__, arguments))
 
@@ -162,7 +165,7 @@ class Apart:
         return self._process.poll() is None
 
     @property
-    def end(self) -> str:
+    def end_text(self) -> str:
         """Text that says how the process ended; call this only after `line` has closed."""
         status = self._process.wait()
         how = f"with exit code {status}" if status >= 0 else f"by {signal.Signals(-status).name}"
@@ -170,10 +173,11 @@ class Apart:
 
     def close(self) -> None:
         """Kill the process, without any clean-up by the process; `line` stays open."""
-        self._end()
+        self._kill()
 
 
-def _end(process: subprocess.Popen) -> None:
+def _kill_and_wait(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and wait for its end."""
     process.kill()
     process.wait()
 

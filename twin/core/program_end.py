@@ -18,7 +18,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO
+from typing import TextIO
 
 from twin.core import program_pipe
 from twin.core.errors import TwinError
@@ -28,18 +28,18 @@ SECONDS = "TWIN_CODE_SECONDS"
 
 _DEFAULT_SECONDS = 60.0
 
-_AGAIN = 1.0
+_RAISING_INTERVAL = 1.0
 """Interval in s at which the error is raised again: code may catch it, and native libraries may discard it."""
 
-_NOTED = 2.0
+_COUNTING_SECONDS = 2.0
 """Longest time in s until the supervisor has counted an interrupt that this process received."""
 
-_SIGNALLING = ("kill", "killpg")
+_SIGNAL_FUNCTIONS = ("kill", "killpg")
 """Functions of `os` that send a signal, also to this process and to the one that supervises it."""
 
-_INSTALLED = ("stdlib", "purelib", "platlib")
+_LIBRARY_PATHS = ("stdlib", "purelib", "platlib")
 
-_NOT_AUTHORED = (str(Path(__file__).resolve().parents[1]), *map(sysconfig.get_path, _INSTALLED), "<frozen ")
+_LIBRARY_FILES = (str(Path(__file__).resolve().parents[1]), *map(sysconfig.get_path, _LIBRARY_PATHS), "<frozen ")
 """Beginnings of file names: files of twin, of the standard library and of installed packages."""
 
 
@@ -64,18 +64,18 @@ class Output:
 
     def restore(self) -> list[str]:
         """Restore the output as far as possible; return what had been done to it, as verbs with objects."""
-        deeds = []
+        changes = []
         if sys.stdout is not self._stream:
-            deeds.append("replaces sys.stdout")
+            changes.append("replaces sys.stdout")
             sys.stdout = self._stream
         if builtins.print is not self._print:
-            deeds.append("replaces print")
+            changes.append("replaces print")
             builtins.print = self._print
         if _is_closed(self._stream):
-            deeds.append("closes sys.stdout")
+            changes.append("closes sys.stdout")
         elif _open_file() != self._file:
-            deeds.append("closes or redirects the file descriptor 1")
-        return deeds
+            changes.append("closes or redirects the file descriptor 1")
+        return changes
 
     def check(self, place: str = "") -> None:
         """Restore the output; `place` is "file:line" of the code that ran in the meantime, "" if it is not known.
@@ -83,10 +83,10 @@ class Output:
         Raises:
             ProgramEndError: the output was not the same as before.
         """
-        deeds = self.restore()
-        if deeds:
+        changes = self.restore()
+        if changes:
             subject = place or "code of the robot"
-            actions = " and ".join(deeds)
+            actions = " and ".join(changes)
             raise ProgramEndError(
                 f"{subject}: the code {actions}, so no verdict can be printed. Use contextlib.redirect_stdout, which "
                 "restores the output."
@@ -114,7 +114,7 @@ def _open_file() -> tuple[int, int] | None:
 
 
 @contextlib.contextmanager
-def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
+def contained(code: Path | Callable[..., object]) -> Iterator[None]:
     """In this context, code that ends the program or does not return in time raises a `ProgramEndError`.
 
     Time and output are checked only in the main thread; the time is measured only by the outermost context.
@@ -136,7 +136,7 @@ def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
             raise
         raise ending(stop) from stop
     except _LateError as late:
-        place = _authored(traceback.extract_tb(late.__traceback__))
+        place = _authored_line(traceback.extract_tb(late.__traceback__))
         raise ProgramEndError(f"{place}: {late}") from late
     except Exception:
         raise
@@ -150,7 +150,7 @@ def contained(code: Path | Callable[..., Any]) -> Iterator[None]:
             output.restore()
 
 
-def _source(code: Path | Callable[..., Any]) -> str:
+def _source(code: Path | Callable[..., object]) -> str:
     """Return "file" of a file, "file:line" of a function; "" of a callable object without code."""
     if isinstance(code, Path):
         return str(code)
@@ -166,7 +166,7 @@ def ending(error: BaseException) -> ProgramEndError:
         if error.code is not None:
             name = f"SystemExit({error.code!r})"
     text = f"the code ends the program by {name}, so nothing can be checked. Return a value instead."
-    place = _authored(traceback.extract_tb(error.__traceback__))
+    place = _authored_line(traceback.extract_tb(error.__traceback__))
     if place:
         text = f"{place}: {text}"
     return ProgramEndError(text).with_traceback(error.__traceback__)
@@ -181,30 +181,30 @@ def name_exits(report: Callable[[str], object]) -> None:
     process = os.getpid()
     reported: set[str] = set()
 
-    def reporting(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    def reporting(name: str, function: Callable[..., object]) -> Callable[..., None]:
         """Return a function of `os` that reports its caller before it is called."""
 
-        def reported_call(*arguments: Any) -> None:
+        def reported_call(*arguments: object) -> None:
             if os.getpid() == process:
-                place = _authored(traceback.extract_stack()[:-1])
+                place = _authored_line(traceback.extract_stack()[:-1])
                 text = f"os.{name} was called"
                 if place:
                     text += f" at {place}"
-                if text not in reported and (place or name not in _SIGNALLING):
+                if text not in reported and (place or name not in _SIGNAL_FUNCTIONS):
                     reported.add(text)
                     report(text)
             function(*arguments)
 
         return reported_call
 
-    for name in ("_exit", "execv", "execve", *_SIGNALLING):
+    for name in ("_exit", "execv", "execve", *_SIGNAL_FUNCTIONS):
         setattr(os, name, reporting(name, getattr(os, name)))
 
 
-def _authored(frames: Sequence[traceback.FrameSummary]) -> str:
+def _authored_line(frames: Sequence[traceback.FrameSummary]) -> str:
     """Return "file:line" of the innermost frame in a file of an author; "" if there is none."""
     for frame in reversed(frames):
-        if not frame.filename.startswith(_NOT_AUTHORED):
+        if not frame.filename.startswith(_LIBRARY_FILES):
             return f"{frame.filename}:{frame.lineno}"
     return ""
 
@@ -228,7 +228,7 @@ def interrupted() -> bool:
     """
     if program_pipe.interrupts is None:
         return True
-    counted, _, _ = select.select([program_pipe.interrupts], [], [], _NOTED)
+    counted, _, _ = select.select([program_pipe.interrupts], [], [], _COUNTING_SECONDS)
     return bool(counted)
 
 
@@ -240,7 +240,7 @@ def _timed() -> Iterator[None]:
     if not _in_main_thread() or remaining:
         yield
         return
-    seconds = _allowed()
+    seconds = _allowed_seconds()
 
     def late(number: int, frame: FrameType | None) -> None:
         raise _LateError(
@@ -249,7 +249,7 @@ def _timed() -> Iterator[None]:
         )
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
+    signal.setitimer(signal.ITIMER_REAL, seconds, _RAISING_INTERVAL)
     try:
         yield
     finally:
@@ -257,7 +257,7 @@ def _timed() -> Iterator[None]:
         signal.signal(signal.SIGALRM, signal.SIG_DFL if before is None else before)
 
 
-def _allowed() -> float:
+def _allowed_seconds() -> float:
     """Return the longest time in s that code may run.
 
     Raises:

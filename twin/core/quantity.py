@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from twin.core import format
 from twin.core.units import DEG, MM, UM
 
-_LARGE = 1e4
+_METRES_FROM = 1e4
 """Length in mm from which lengths are shown in m."""
 
 
@@ -23,7 +23,7 @@ class Quantity:
 
     def __str__(self) -> str:
         value = float(self.value)
-        if self.unit.startswith("mm") and abs(value) >= _LARGE:
+        if self.unit.startswith("mm") and abs(value) >= _METRES_FROM:
             return format.quantity(value * MM, self.unit[1:])
         if self.unit == "m":
             return format.quantity(value, "m")

@@ -17,7 +17,7 @@ Index = NDArray[np.intp]
 _IDENTITY = np.eye(3)
 _IDENTITY.flags.writeable = False
 
-_SMALL = 1e-8
+_SMALL_ANGLE = 1e-8
 """Angle in rad below which series replace quotients; the first omitted term is below double precision."""
 
 
@@ -38,7 +38,7 @@ def exp_so3(w: ArrayLike) -> Array:
     """Return the rotation matrix (..., 3, 3) of the rotation vector w (..., 3) in rad (Rodrigues)."""
     w = np.asarray(w, float)
     angle = np.sqrt(np.add.reduce(w * w, axis=-1))[..., None, None]  # a third of the time of np.linalg.norm
-    small = angle < _SMALL
+    small = angle < _SMALL_ANGLE
     K = hat(w)
     if np.count_nonzero(small):
         safe = np.where(small, 1.0, angle)
@@ -57,7 +57,7 @@ def log_so3(R: ArrayLike) -> Array:
     v = q[..., 1:]
     n = np.linalg.norm(v, axis=-1)
     angle = 2 * np.arctan2(n, w)
-    small = n < _SMALL
+    small = n < _SMALL_ANGLE
     scale = np.where(small, 2.0, angle / np.where(small, 1.0, n))
     return v * scale[..., None]
 

@@ -32,13 +32,16 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
 
-from twin.core.machine_code import Call, compiled
+from twin.core.machine_code import compiled
 from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from _ctypes import CFuncPtr
 
 BALL = 5
 """Count of numbers that describe a ball: centre (3), radius, index of the first ball after its smaller balls."""
@@ -375,7 +378,7 @@ class _LookupKernel:
 
 
 @cache
-def _kernel() -> tuple[Call, Any]:
+def _kernel() -> tuple[CFuncPtr, object]:
     return compiled(_LookupKernel().text())
 
 

@@ -27,7 +27,7 @@ from twin.core.foreign.gltf import check_gltf
 from twin.core.foreign.guard import pass_together, run
 from twin.core.foreign.text import check_depth, count_json
 
-_OTHER = {
+_SIZE_LIMITED_KINDS = {
     ".csv": "CSV",
     ".dae": "DAE",
     ".obj": "OBJ",
@@ -37,12 +37,13 @@ _OTHER = {
     ".xacro": "XML",
     ".sdf": "XML",
 }
+"""{suffix: format} of the files of which only the size is limited here."""
 
-_MOST_TEXT = 50_000_000
+_MOST_LAYER_BYTES = 50_000_000
 """Maximum size in bytes of a text layer whose depth is checked; for a larger layer, only the limits of the parser
 apply."""
 
-_MOST_HEADER = 1_000_000
+_MOST_HEADER_BYTES = 1_000_000
 """Maximum size in bytes of the header of a PLY file: a normal one has less than a thousand."""
 
 
@@ -56,7 +57,7 @@ def admit(path: Path) -> None:
     """
     suffix = path.suffix.lower()
     if suffix in STAGE_SUFFIXES:
-        _look_at_usd(path)
+        _check_usd_bytes(path)
         run(path, "USD")
     elif suffix in GLTF_SUFFIXES:
         check_gltf(path)
@@ -69,8 +70,8 @@ def admit(path: Path) -> None:
         run(path, "MJCF")
     elif suffix == ".json":
         count_json(path, read_bytes(path, "JSON"))
-    elif suffix in _OTHER:
-        check_size(path, _OTHER[suffix])
+    elif suffix in _SIZE_LIMITED_KINDS:
+        check_size(path, _SIZE_LIMITED_KINDS[suffix])
     else:
         raise SourceError(
             f"{path}: no limits are known for the suffix '{path.suffix}'; give the file the suffix of its format, "
@@ -88,17 +89,17 @@ def admit_together(paths: Iterable[Path]) -> set[Path]:
     likely = []
     for path in paths:
         with contextlib.suppress(BudgetError, SourceError, OSError):
-            _look_at_usd(path)
+            _check_usd_bytes(path)
             likely.append(path)
     return set(likely) if len(likely) > 1 and pass_together(likely) else set()
 
 
-def _look_at_usd(path: Path) -> None:
+def _check_usd_bytes(path: Path) -> None:
     """Raise an error if a USD file exceeds limits that its own bytes show."""
     check_size(path, "USD")
     if path.suffix.lower() == ".usdz":
         check_zip(path, "USDZ")
-    elif path.stat().st_size <= _MOST_TEXT and (data := path.read_bytes()).startswith(b"#"):
+    elif path.stat().st_size <= _MOST_LAYER_BYTES and (data := path.read_bytes()).startswith(b"#"):
         check_depth(path, "USD", data.decode("utf-8", "replace"))
 
 
@@ -110,7 +111,7 @@ def _check_ply(path: Path) -> None:
     """
     check_size(path, "PLY")
     with path.open("rb") as file:
-        head = file.read(_MOST_HEADER + 1)
+        head = file.read(_MOST_HEADER_BYTES + 1)
     for line in head.split(b"\n"):
         words = line.split()
         if b"end_header" in words:
@@ -120,5 +121,5 @@ def _check_ply(path: Path) -> None:
         count = int(words[2][:18])
         if count > BUDGETS["PLY"].count:
             over(path, "PLY", "rows stated in the header", count, BUDGETS["PLY"].count)
-    if len(head) > _MOST_HEADER:
-        over(path, "PLY", "bytes of the header, which does not end", len(head), _MOST_HEADER)
+    if len(head) > _MOST_HEADER_BYTES:
+        over(path, "PLY", "bytes of the header, which does not end", len(head), _MOST_HEADER_BYTES)

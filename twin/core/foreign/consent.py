@@ -12,9 +12,9 @@ NO_CODE = "TWIN_NO_CODE"
 """Environment variable; if it is set, no Python code of a robot folder or of a xacro is run, not even in child
 processes."""
 
-_CODE = "the Python expressions of the xacro"
+_XACRO_CODE = "the Python expressions of the xacro"
 
-_said: set[Path] = set()
+_announced_files: set[Path] = set()
 
 
 def require_consent(path: Path) -> None:
@@ -25,10 +25,10 @@ def require_consent(path: Path) -> None:
     """
     if os.environ.get(NO_CODE):
         raise CodeRefusedError(
-            f"{path}: reading this file runs {_CODE}, which --no-code (or {NO_CODE} in the environment) forbids. "
+            f"{path}: reading this file runs {_XACRO_CODE}, which --no-code (or {NO_CODE} in the environment) forbids. "
             f"Inspect the file, then omit --no-code or {NO_CODE}; a URDF that `xacro` has made needs no code."
         )
     resolved = path.resolve()
-    if resolved not in _said:
-        _said.add(resolved)
-        logging.getLogger(__name__).info("running %s in %s", _CODE, path)
+    if resolved not in _announced_files:
+        _announced_files.add(resolved)
+        logging.getLogger(__name__).info("running %s in %s", _XACRO_CODE, path)

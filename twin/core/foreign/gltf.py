@@ -41,20 +41,20 @@ def check_gltf(path: Path) -> None:
     _check_buffers(path, data)
     view_bytes = []
     for view in _objects(data, "bufferViews"):
-        view_bytes.append(_whole(view.get("byteLength")))
-    sizes = []
+        view_bytes.append(_count(view.get("byteLength")))
+    numbers_of_accessor = []
     for accessor in _objects(data, "accessors"):
-        sizes.append(_numbers(accessor, view_bytes))
+        numbers_of_accessor.append(_numbers_of_accessor(accessor, view_bytes))
     limit = BUDGETS["GLTF"].numbers
-    if sum(sizes) > limit:
-        over(path, "GLTF", "numbers in the accessors", sum(sizes), limit)
-    weights: list[int] = []
+    if sum(numbers_of_accessor) > limit:
+        over(path, "GLTF", "numbers in the accessors", sum(numbers_of_accessor), limit)
+    numbers_of_mesh: list[int] = []
     for mesh in _objects(data, "meshes"):
         weight = 0
         for primitive in _objects(mesh, "primitives"):
-            weight += _used(primitive, sizes)
-        weights.append(weight)
-    _check_nodes(path, _objects(data, "nodes"), weights)
+            weight += _numbers_of_primitive(primitive, numbers_of_accessor)
+        numbers_of_mesh.append(weight)
+    _check_nodes(path, _objects(data, "nodes"), numbers_of_mesh)
 
 
 def _check_buffers(path: Path, data: JsonObject) -> None:
@@ -69,10 +69,10 @@ def _check_buffers(path: Path, data: JsonObject) -> None:
                 check_size(beside, "GLTF")
 
 
-def _check_nodes(path: Path, nodes: list[JsonObject], weights: list[int]) -> None:
+def _check_nodes(path: Path, nodes: list[JsonObject], numbers_of_mesh: list[int]) -> None:
     """Raise an error if the nodes are too many or too deep, or show too many numbers of meshes.
 
-    `weights` has the count of numbers of each mesh.
+    `numbers_of_mesh` has the count of numbers of each mesh.
     """
     limits = BUDGETS["GLTF"]
     children: list[list[int]] = []
@@ -94,8 +94,8 @@ def _check_nodes(path: Path, nodes: list[JsonObject], weights: list[int]) -> Non
             over(path, "GLTF", "nodes so far", placed, limits.count)
         below: list[int] = []
         for i in level:
-            for mesh in _valid([nodes[i].get("mesh")], len(weights)):
-                numbers += weights[mesh]
+            for mesh in _valid([nodes[i].get("mesh")], len(numbers_of_mesh)):
+                numbers += numbers_of_mesh[mesh]
             below += children[i]
         if numbers > limits.numbers:
             over(path, "GLTF", "numbers in the meshes so far", numbers, limits.numbers)
@@ -119,21 +119,21 @@ def _json_of(path: Path) -> bytes:
         return file.read(length)
 
 
-def _numbers(accessor: JsonObject, view_bytes: list[int]) -> int:
+def _numbers_of_accessor(accessor: JsonObject, view_bytes: list[int]) -> int:
     """Return the count of numbers in an accessor, but at most one per byte of its buffer view (readers reject more)."""
-    size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
+    size = _count(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
     for view in _valid([accessor.get("bufferView")], len(view_bytes)):
         size = min(size, view_bytes[view])
     return size
 
 
-def _used(primitive: JsonObject, sizes: list[int]) -> int:
+def _numbers_of_primitive(primitive: JsonObject, numbers_of_accessor: list[int]) -> int:
     """Return the count of numbers in the accessors of a primitive."""
     accessors = [primitive.get("indices")]
     attributes = primitive.get("attributes")
     if isinstance(attributes, dict):
         accessors += attributes.values()
-    used_sizes = [sizes[accessor] for accessor in _valid(accessors, len(sizes))]
+    used_sizes = [numbers_of_accessor[accessor] for accessor in _valid(accessors, len(numbers_of_accessor))]
     return sum(used_sizes)
 
 
@@ -153,7 +153,7 @@ def _list(data: JsonObject, key: str) -> list[Any]:
     return []
 
 
-def _whole(value: Any) -> int:
+def _count(value: Any) -> int:
     """Return a count in JSON as an integer; 0 for anything else."""
     if isinstance(value, int | float) and 0 < value < _MOST:
         return int(value)

@@ -21,7 +21,7 @@ from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.budget import BODIES, BUDGETS, MB, MJCF_SUFFIXES, STAGE_SUFFIXES, way
 from twin.core.processes import Child, isolated
 
-_LIMITED = """
+_LIMITS_PROGRAM = """
 import resource, sys
 def most(what, value):
     resource.setrlimit(what, (value, resource.getrlimit(what)[1]))
@@ -31,8 +31,9 @@ most(resource.RLIMIT_DATA, int(sys.argv[2]))
 def over(what, value, limit):
     sys.exit(f"over at least {value:,} {what}; the limit is {limit:,}")
 """
+"""Beginning of each program in the separate process: its arguments are processor time in s, memory in bytes, files."""
 
-_PROGRAMS = {
+_PARSERS = {
     "MJCF": "import mujoco; mujoco.MjData(mujoco.MjSpec.from_file(sys.argv[3]).compile())",
     "USD": f"""
 from pxr import Usd
@@ -60,23 +61,25 @@ sys.exit(cascadio.step_to_glb(sys.argv[3], sys.argv[4], float(sys.argv[5]), floa
     "xacro": "from twin.core.foreign.xacro_process import main; main(*sys.argv[3:6])",
 }
 
-_PROGRAMS["fine STEP"] = _PROGRAMS["STEP"]
+_PARSERS["fine STEP"] = _PARSERS["STEP"]
 
-_BESIDE = {"MJCF": (*MJCF_SUFFIXES, ".stl", ".obj", ".msh", ".png"), "USD": STAGE_SUFFIXES}
+_REFERRED_SUFFIXES = {"MJCF": (*MJCF_SUFFIXES, ".stl", ".obj", ".msh", ".png"), "USD": STAGE_SUFFIXES}
 """{format: suffixes of files to which a file of this format may refer}. Files with these suffixes in the same folder or
 its subfolders increase the limits."""
 
-_MOST_BESIDE = 2000
+_MOST_FILES_BESIDE = 2000
 """Maximum number of files that are searched for these suffixes, in the folder and its subfolders."""
 
 _MOST_SECONDS = 600.0
-_MOST_MEMORY = 8_000 * MB
-"""Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
+"""Maximum processor time in s of a parser's process, whatever the sizes of its files."""
 
-_IDLE = 8.0
+_MOST_MEMORY = 8_000 * MB
+"""Maximum memory in bytes of a parser's process, whatever the sizes of its files."""
+
+_MOST_IDLE_S = 8.0
 """Maximum idle time of a parser in s, for instance while it waits for a pipe."""
 
-_TAIL = 4000
+_TAIL_BYTES = 4000
 """Number of bytes at the end of the output of a parser that are read."""
 
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
@@ -95,7 +98,7 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
     code, idle, text = _limited(kind, seconds, memory, (given or path).resolve(), *arguments)
     subject = f"{path}: the {kind} parser"
     if idle:
-        raise BudgetError(f"{subject} waited for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
+        raise BudgetError(f"{subject} waited for {_MOST_IDLE_S:g} s: the file refers to an endless stream. {way(kind)}")
     if code == -signal.SIGXCPU:
         raise BudgetError(f"{subject} exceeded its limit of {seconds:.0f} s of processor time. {way(kind)}")
     if _MEMORY_WORDS.search(text) and code != 0:
@@ -127,10 +130,10 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
     """Return the limits of a file's parser: processor time in s, memory in bytes."""
     budget = BUDGETS[kind]
     size = path.stat().st_size
-    if kind in _BESIDE:
+    if kind in _REFERRED_SUFFIXES:
         # a folder may contain any number of files: only the first ones are searched
-        for beside in islice(path.parent.rglob("*"), _MOST_BESIDE):
-            if beside != path and beside.suffix.lower() in _BESIDE[kind] and beside.is_file():
+        for beside in islice(path.parent.rglob("*"), _MOST_FILES_BESIDE):
+            if beside != path and beside.suffix.lower() in _REFERRED_SUFFIXES[kind] and beside.is_file():
                 size += beside.stat().st_size
     seconds = budget.seconds + budget.seconds_per_mb * size / MB
     memory = budget.memory + budget.memory_per_byte * size
@@ -141,7 +144,7 @@ def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tupl
     """Run a parser; return (exit code, whether the parser was killed because it waited too long, end of its output)."""
     variables: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
     variables["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
-    python, *arguments_of_python = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
+    python, *arguments_of_python = isolated(_LIMITS_PROGRAM + _PARSERS[kind], int(seconds + 1), memory, *arguments)
     command = [python, "-S", *arguments_of_python]  # parsers do not need the start-up code of installed packages
     with tempfile.TemporaryFile() as output:
         process = Child(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=os.environ | variables)
@@ -157,11 +160,11 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
         while process.poll() is None:
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
-            time_used = _asleep(process.pid)
+            time_used = _time_asleep(process.pid)
             if not time_used or time_used != time_before:
                 time_before = time_used
                 since = time.monotonic()
-            elif time.monotonic() - since > _IDLE:
+            elif time.monotonic() - since > _MOST_IDLE_S:
                 process.kill()
                 process.wait()
                 return process.returncode, True
@@ -172,7 +175,7 @@ def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     return process.returncode, False
 
 
-def _asleep(pid: int) -> str:
+def _time_asleep(pid: int) -> str:
     """Return the processor time used by a sleeping process, as text; "" if the process is running or ready to run."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text("ascii", "replace")
@@ -188,5 +191,5 @@ def _asleep(pid: int) -> str:
 def _tail(file: IO[bytes]) -> bytes:
     """Return the end of the output of a parser, in which it says why it has ended."""
     file.seek(0, os.SEEK_END)
-    file.seek(max(0, file.tell() - _TAIL))
+    file.seek(max(0, file.tell() - _TAIL_BYTES))
     return file.read()

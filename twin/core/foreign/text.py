@@ -53,7 +53,7 @@ class DoctypeError(ValueError):
     """The XML declares a document type, whose entities could expand without limit."""
 
 
-class _Counted(ElementTree.TreeBuilder):
+class _CountingBuilder(ElementTree.TreeBuilder):
     """Tree builder that counts decoded elements while parsing."""
 
     def __init__(self, path: Path, kind: str) -> None:
@@ -63,9 +63,9 @@ class _Counted(ElementTree.TreeBuilder):
         self._budget = BUDGETS[kind]
         self._depth = 0
         self._count = 0
-        self._parts = dict.fromkeys(("joint", "link", "body", "visual", "collision"), 0)
+        self._count_of_tag = dict.fromkeys(("joint", "link", "body", "visual", "collision"), 0)
 
-    def start(self, tag: Any, attrs: Any) -> Any:
+    def start(self, tag: str, attrs: dict[str, str]) -> ElementTree.Element:
         """Count an element; raise `BudgetError` if there are too many, or if it is nested too deeply."""
         self._depth += 1
         self._count += 1
@@ -73,13 +73,13 @@ class _Counted(ElementTree.TreeBuilder):
             over(self._path, self._kind, "depth of the elements so far", self._depth, self._budget.depth)
         if self._count > self._budget.count:
             over(self._path, self._kind, "elements so far", self._count, self._budget.count)
-        if tag in self._parts:
-            self._parts[tag] += 1
-            if self._parts[tag] > BODIES:
-                over(self._path, self._kind, f"<{tag}> so far", self._parts[tag], BODIES)
+        if tag in self._count_of_tag:
+            self._count_of_tag[tag] += 1
+            if self._count_of_tag[tag] > BODIES:
+                over(self._path, self._kind, f"<{tag}> so far", self._count_of_tag[tag], BODIES)
         return super().start(tag, attrs)
 
-    def end(self, tag: Any) -> Any:
+    def end(self, tag: str) -> ElementTree.Element:
         self._depth -= 1
         return super().end(tag)
 
@@ -97,12 +97,12 @@ def parse_xml(path: Path, data: bytes | None = None, kind: str = "XML") -> Eleme
         DoctypeError: the file declares a document type.
         OSError, ElementTree.ParseError, LookupError, ValueError: the file cannot be read.
     """
-    parser = ElementTree.XMLParser(target=_Counted(path, kind))
+    parser = ElementTree.XMLParser(target=_CountingBuilder(path, kind))
     parser.feed(read_bytes(path, kind) if data is None else data)
     return parser.close()
 
 
-_QUOTED = re.compile(
+_QUOTED_OR_COMMENT = re.compile(
     r'"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL
 )
 
@@ -110,7 +110,7 @@ _QUOTED = re.compile(
 def check_depth(path: Path, kind: str, text: str) -> None:
     """Raise `BudgetError` if brackets or dotted names, outside quotes and comments, are nested too deeply."""
     limit = BUDGETS[kind].depth
-    text = _QUOTED.sub("", text)
+    text = _QUOTED_OR_COMMENT.sub("", text)
     if kind == "TOML":
         dots = [part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)]
         if max(dots) > limit:

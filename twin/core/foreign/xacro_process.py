@@ -1,72 +1,54 @@
 """Expand a xacro by the package `xacro`; the program of `guard.run` for this format, in a process with limits.
 
-The package needs ROS only to find packages; `_Packages` finds them by their package.xml. Each element keeps the file
-and line where it was written, so that errors, and numbers of the expanded robot, can be traced to a line of a file.
+The package needs ROS only to find packages; `RosPackages` finds them by their package.xml. Each element keeps the file
+and line where it was written (`xml_lines`), so that errors, and numbers of the expanded robot, can be traced to a line
+of a file. `main` states the keys of the answer, which `twin.exchange.xacro` reads.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import sys
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any
-from xml.dom import expatbuilder, minidom
+from types import ModuleType, TracebackType
+from xml.dom import minidom
 from xml.etree.ElementTree import ParseError
 from xml.parsers.expat import ExpatError
 
 from twin.core.errors import TwinError
 from twin.core.foreign.budget import INCLUDES
+from twin.core.foreign.ros_packages import PackageMissingError, RosPackages
 from twin.core.foreign.text import DoctypeError, parse_xml
+from twin.core.foreign.xml_lines import LineBuilder, SourceLine, source_line
 
-MACROS = 150
+_MOST_MACROS = 150
 """Maximum number of macros that call each other. A chain of a hundred links by a macro that calls itself has 100."""
 
-_FRAMES = 4000
+_MOST_FRAMES = 4000
 """Maximum depth of Python's calls: each macro takes up to ten, and each level of elements one."""
 
-_PLACE = "twin.place"
-"""Key of the data of an element: (file, line) where it was written."""
-
-_APPEARANCE = ("visual", "collision", "material", "gazebo")
+_APPEARANCE_TAGS = ("visual", "collision", "material", "gazebo")
 """Elements in which a macro that was not found changes no pose and no mass."""
 
-_PATHS = {"ROS_PACKAGE_PATH": "", "AMENT_PREFIX_PATH": "share", "COLCON_PREFIX_PATH": "share"}
-"""{environment variable: folder of the packages in each of its folders}."""
-
-_LEVELS = 4
-"""Maximum number of folder levels that are searched for packages below a given folder."""
-
-_FOLDERS = 5000
-"""Maximum number of folders that are searched for packages."""
-
-_ABOVE = 6
-"""Number of folders above a file in which its package.xml is searched."""
-
-_HEAD = 20_000
-"""Number of bytes of a package.xml in which its name is searched."""
-
-_SHOWN = 80
+_VALUE_CHARACTERS = 80
 """Number of characters of a value that a message shows."""
 
-_NUMBERS = {
+_NUMBER_ATTRIBUTES = {
     *("xyz", "rpy", "lower", "upper", "effort", "velocity", "mass", "size", "radius", "length", "scale"),
     *("multiplier", "offset", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
 }
 """Attributes with numbers."""
 
-_NO_ARGUMENT = "Undefined substitution argument"
+_ARGUMENT_MISSING = "Undefined substitution argument"
 """Beginning of what xacro says of an argument without a value."""
 
 _NOT_FINITE = re.compile(r"(?i)(?<![\w.])[+-]?(nan|inf(inity)?)(?![\w.])")
 """A number that is not finite, as a word of its own."""
 
-_CONSTANTS = {
+_MATH_CONSTANTS = {
     **{"m_pi": math.pi, "M_PI": math.pi, "PI": math.pi},
     **{"m_pi_2": math.pi / 2, "M_PI_2": math.pi / 2, "m_pi_4": math.pi / 4, "M_PI_4": math.pi / 4},
     **{"DEG2RAD": math.pi / 180, "deg_to_rad": math.pi / 180, "RAD2DEG": 180 / math.pi},
@@ -74,162 +56,13 @@ _CONSTANTS = {
 """Constants of mathematics by the names that packages of ROS give them, where such a package was not found."""
 
 
-class _PackageMissingError(Exception):
-    """A package was not found; the message is its name."""
-
-
 class _Fault(Exception):  # noqa: N818, it carries a message of another error
     """A fault with the file and line where it is, and a way out; `incomplete`: arguments or packages are not here."""
 
-    def __init__(self, message: str, place: tuple[str, int] | None = None, incomplete: bool = False) -> None:
+    def __init__(self, message: str, place: SourceLine | None = None, incomplete: bool = False) -> None:
         super().__init__(message)
         self.place = place
         self.incomplete = incomplete
-
-
-class _Packages:
-    """Folders of ROS packages, by their names, without ROS.
-
-    Searched are, in this order: the package that contains the file, so that two versions of a package are not mixed;
-    the given folders, those in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and the packages beside that of the file.
-    """
-
-    def __init__(self, file: Path, given: list[str]) -> None:
-        self._neighbours = list(_neighbours(file))
-        self._places = [Path(folder) for folder in given]
-        for variable, below in _PATHS.items():
-            for folder in os.environ.get(variable, "").split(os.pathsep):
-                if folder:
-                    self._places.append(Path(folder) / below)
-        self._by_name: dict[str, Path] | None = None  # None: the folders have not been searched yet
-
-    def find(self, name: str) -> str:
-        """Return the folder of a package.
-
-        Raises:
-            _PackageMissingError: it was not found.
-        """
-        package_of_file = self._neighbours[0]
-        if _package_name(package_of_file) == name:
-            return str(package_of_file)
-        for place in self._places:
-            if place.name == name and place.is_dir():
-                return str(place.resolve())
-            if (place / name).is_dir():
-                return str((place / name).resolve())
-        if self._by_name is None:
-            self._by_name = self._searched()
-        if name not in self._by_name:
-            raise _PackageMissingError(name)
-        return str(self._by_name[name])
-
-    def _searched(self) -> dict[str, Path]:
-        """Return {name: folder} of the packages in all folders, of several with one name the first."""
-        search = _PackageSearch()
-        for place in self._places:
-            search.below(place, _LEVELS)
-        # the folders around the file are only searched one level deep: they may be the user's whole disk
-        for place in self._neighbours:
-            search.below(place, 1)
-        return search.packages
-
-
-class _PackageSearch:
-    """A search of packages, level by level, in at most `_FOLDERS` folders.
-
-    Attributes:
-        packages: {name: folder} of the packages that were found.
-    """
-
-    def __init__(self) -> None:
-        self.packages: dict[str, Path] = {}
-        self._folders_left = _FOLDERS
-
-    def below(self, place: Path, levels: int) -> None:
-        """Add the packages in a folder and `levels` levels below it; folders inside packages are not searched."""
-        waiting = deque([(place, 0)])
-        while waiting and self._folders_left:
-            self._folders_left -= 1
-            folder, level = waiting.popleft()
-            name = _package_name(folder)
-            if name:
-                self.packages.setdefault(name, folder.resolve())
-            elif level < levels:
-                for inner in _folders(folder):
-                    waiting.append((inner, level + 1))
-
-
-def _neighbours(file: Path) -> Iterator[Path]:
-    """Yield the package that contains a file, then its folder; for a file outside packages, the folders around it."""
-    around = list(file.resolve().parents)[:_ABOVE]
-    for folder in around:
-        if _package_name(folder):
-            yield folder
-            yield folder.parent
-            yield folder.parent.parent
-            return
-    yield from around[:2]
-
-
-def _folders(folder: Path) -> list[Path]:
-    """Return the folders in a folder, sorted, without hidden ones; [] if it cannot be read."""
-    folders = []
-    try:
-        for path in folder.iterdir():
-            if path.is_dir() and not path.name.startswith("."):
-                folders.append(path)
-    except OSError:
-        return []
-    return sorted(folders)
-
-
-def _package_name(folder: Path) -> str:
-    """Return the name in the package.xml of a folder; "" if the folder is no package."""
-    try:
-        with (folder / "package.xml").open("rb") as file:
-            head = file.read(_HEAD).decode("utf-8", "replace")
-    except OSError:
-        return ""
-    named = re.search(r"<name>\s*([\w-]+)\s*</name>", head)
-    return named[1] if named else folder.name
-
-
-class _Placed(expatbuilder.Namespaces, expatbuilder.ExpatBuilder):
-    """Builder of a document whose elements have the file and line of their start tags."""
-
-    def __init__(self, file: str) -> None:
-        expatbuilder.ExpatBuilder.__init__(self)
-        self._initNamespaces()  # pyright: ignore[reportAttributeAccessIssue]
-        self._file = file
-
-    def reset(self) -> None:
-        expatbuilder.ExpatBuilder.reset(self)
-        self._initNamespaces()  # pyright: ignore[reportAttributeAccessIssue]
-
-    def start_element_handler(self, name: str, attributes: Any) -> None:
-        super().start_element_handler(name, attributes)
-        place = (self._file, self.getParser().CurrentLineNumber)
-        self.curNode.setUserData(_PLACE, place, _KEEPER)
-
-
-class _PlaceKeeper:
-    """Gives the place of an element to its copy: a macro's body is copied each time it is used."""
-
-    def handle(self, operation: int, key: str, data: Any, src: Any, dst: Any) -> None:
-        if dst is not None:
-            dst.setUserData(key, data, self)
-
-
-_KEEPER = _PlaceKeeper()
-
-
-def _place(node: Any) -> tuple[str, int] | None:
-    """Return the place of an element, or of the nearest element around it."""
-    while node is not None:
-        if isinstance(node, minidom.Element) and (place := node.getUserData(_PLACE)):
-            return place
-        node = node.parentNode
-    return None
 
 
 class _Expansion:
@@ -239,19 +72,19 @@ class _Expansion:
         import xacro
         from xacro import substitution_args
 
-        self.xacro: Any = xacro
+        self.xacro: ModuleType = xacro
         self.file = file
-        self.packages = _Packages(file, packages)
-        self.missing: list[tuple[str, str, int]] = []
+        self.packages = RosPackages(file, packages)
+        self.missing_packages: list[tuple[str, str, int]] = []
         """(package, file, line) of each include whose package was not found."""
-        self.left_out: list[tuple[str, str, int]] = []
+        self.left_out_macros: list[tuple[str, str, int]] = []
         """(macro, file, line) of each macro of a missing package that was left out."""
-        self.read = 0
-        self._values = dict(arguments)
+        self.files_read = 0
+        self._arguments = dict(arguments)
         """Values of the arguments; xacro adds the defaults."""
-        self._lent: set[str] = set()
-        """Names of `_CONSTANTS` that no file had defined where a package was missing."""
-        self._texts: list[str] = []
+        self._lent_constants: set[str] = set()
+        """Names of `_MATH_CONSTANTS` that no file had defined where a package was missing."""
+        self._file_texts: list[str] = []
         """Texts of all files that were read."""
         # xacro has no hooks: these functions of it are replaced in this process, which expands one file
         self._include = xacro.process_include
@@ -270,31 +103,31 @@ class _Expansion:
             _Fault: the file cannot be expanded.
         """
         try:
-            document = self.xacro.process_file(str(self.file), mappings=self._values, verbosity=0)
+            document = self.xacro.process_file(str(self.file), mappings=self._arguments, verbosity=0)
         except _Fault:
             raise
         except (RecursionError, MemoryError):
             raise
         except Exception as error:
-            raise _Fault(self._message(error), _error_place(error), self._is_incomplete(error)) from error
+            raise _Fault(self._message(error), _error_line(error), self._is_incomplete(error)) from error
         self._check_finite(document.documentElement)
         self._find_meshes(document.documentElement)
         return document
 
-    def parse(self, source: Any, filename: str) -> minidom.Document:
+    def parse(self, source: object, filename: str) -> minidom.Document:
         """Return the document of a file, whose elements know their places; the counterpart of `xacro.parse`."""
         stack = self.xacro.filestack
-        self.read += 1
+        self.files_read += 1
         if stack.count(filename) > 1:
             names = " -> ".join(Path(name).name for name in stack)
             raise _Fault(f"the file includes itself: {names}. Remove one of the includes")
-        if self.read > INCLUDES:
+        if self.files_read > INCLUDES:
             raise _Fault(f"more than {INCLUDES} files are included. Remove includes")
         try:
             parse_xml(Path(filename))  # counts its elements
             data = Path(filename).read_bytes()
-            self._texts.append(data.decode("utf-8", "replace"))
-            return _Placed(filename).parseString(data)
+            self._file_texts.append(data.decode("utf-8", "replace"))
+            return LineBuilder(filename).parseString(data)
         except OSError as error:
             stack.pop()  # the file that includes it is the one to correct
             raise self.xacro.XacroException(f"the file {filename} cannot be read", exc=error) from error
@@ -304,7 +137,9 @@ class _Expansion:
         except (DoctypeError, LookupError, ValueError) as error:
             raise _Fault(f"{error}", (filename, 1)) from error
 
-    def include(self, element: Any, macros: Any, symbols: Any, function: Any) -> None:
+    def include(
+        self, element: minidom.Element, macros: object, symbols: MutableMapping[str, str], function: object
+    ) -> None:
         """Include a file. One of a package that was not found is left out; `_message` names it if it is needed."""
         try:
             self._include(element, macros, symbols, function)
@@ -312,43 +147,43 @@ class _Expansion:
             package = _missing_package(error)
             if package is None or element.parentNode is None:
                 raise
-            file, line = _place(element) or (str(self.file), 0)
-            self.missing.append((package, file, line))
-            for name, value in _CONSTANTS.items():
+            file, line = source_line(element) or (str(self.file), 0)
+            self.missing_packages.append((package, file, line))
+            for name, value in _MATH_CONSTANTS.items():
                 if name not in symbols:
                     symbols[name] = str(value)
-                    self._lent.add(name)
+                    self._lent_constants.add(name)
             self.xacro.replace_node(element, by=None)
 
-    def call(self, node: Any, macros: Any, symbols: Any) -> bool:
+    def call(self, node: minidom.Element, macros: object, symbols: object) -> bool:
         """Expand a macro. One of a missing package is left out where it only changes what a link looks like."""
-        if len(self.xacro.macrostack) > MACROS:
+        if len(self.xacro.macrostack) > _MOST_MACROS:
             name = self.xacro.macrostack[-1].body.getAttribute("name")
-            text = f"macro '{name}' calls itself without end: more than {MACROS} macros call each other. "
-            raise _Fault(text + "Give the recursion an end, by <xacro:if>", _place(node))
+            text = f"macro '{name}' calls itself without end: more than {_MOST_MACROS} macros call each other. "
+            raise _Fault(text + "Give the recursion an end, by <xacro:if>", source_line(node))
         try:
             return self._call(node, macros, symbols)
         except self.xacro.XacroException as error:
             text = str(error)
             is_unknown = text.startswith("unknown macro name: ") and text.endswith(node.tagName)
-            if not (is_unknown and self.missing and _is_appearance(node)):
+            if not (is_unknown and self.missing_packages and _is_appearance(node)):
                 raise
-            file, line = _place(node) or (str(self.file), 0)
-            self.left_out.append((node.tagName, file, line))
+            file, line = source_line(node) or (str(self.file), 0)
+            self.left_out_macros.append((node.tagName, file, line))
             self.xacro.replace_node(node, by=None)
             return True
 
     def _is_incomplete(self, error: BaseException) -> bool:
         """Return whether an error is due to an argument or a package that is not here, and not to the file."""
-        if _missing_package(error) is not None or _one_line(error).startswith(_NO_ARGUMENT):
+        if _missing_package(error) is not None or _one_line(error).startswith(_ARGUMENT_MISSING):
             return True
         causes = list(_causes(error))
         if any(isinstance(cause, OSError) for cause in causes):
             # "arms/$(arg size)/arm.xacro" with an empty default: the argument must be given
-            return "" in self._values.values()
+            return "" in self._arguments.values()
         if any(isinstance(cause, MemoryError) for cause in causes):
             return False
-        return bool(self.missing)  # macros and properties may be in the package that was not found
+        return bool(self.missing_packages)  # macros and properties may be in the package that was not found
 
     def _message(self, error: BaseException) -> str:
         """Return what is wrong and the way out."""
@@ -358,7 +193,7 @@ class _Expansion:
         if package is not None:
             text = f"package '{package}' was not found: it is in no folder of --packages, ROS_PACKAGE_PATH and "
             return text + "AMENT_PREFIX_PATH, and not beside the file. Give the folder that contains it: --packages DIR"
-        if text_of_error.startswith(_NO_ARGUMENT):
+        if text_of_error.startswith(_ARGUMENT_MISSING):
             name = text_of_error.split()[-1]
             return f"the argument '{name}' has no value and no default. Give it: --arg {name}:=VALUE"
         for cause in causes:
@@ -371,17 +206,17 @@ class _Expansion:
             if isinstance(cause, MemoryError):
                 return f"there is not enough memory {text_of_error}. Make the expression smaller"
         way_out = _way_out(text_of_error, causes)
-        if self.missing:
-            names = ", ".join(sorted({package for package, _, _ in self.missing}))
+        if self.missing_packages:
+            names = ", ".join(sorted({package for package, _, _ in self.missing_packages}))
             way_out += f"; it may be in a package that was not found ({names}): give its folder by --packages DIR"
         return f"{text_of_error}. {way_out}"
 
-    def lent(self) -> list[str]:
-        """Return the constants of `_CONSTANTS` that the files use and that a missing package would have defined."""
-        text = "\n".join(self._texts)
+    def lent_constants(self) -> list[str]:
+        """Return the names in `_MATH_CONSTANTS` that the files use and that a missing package would have defined."""
+        text = "\n".join(self._file_texts)
         defined = set(re.findall(r"<xacro:property[^>]*?\bname\s*=\s*[\"'](\w+)", text))
         used_names = []
-        for name in sorted(self._lent - defined):
+        for name in sorted(self._lent_constants - defined):
             if re.search(rf"\$\{{[^}}]*\b{name}\b", text):
                 used_names.append(name)
         return used_names
@@ -390,9 +225,11 @@ class _Expansion:
         """Raise `_Fault` if a number of a link or joint is not finite."""
         for element in root.getElementsByTagName("*"):
             for name, value in element.attributes.items():
-                if name in _NUMBERS and _NOT_FINITE.search(value):
-                    text = f'<{element.tagName}> has {name}="{value[:_SHOWN]}", but must be finite. Correct the'
-                    raise _Fault(f"{text} expression", _place(element))
+                if name in _NUMBER_ATTRIBUTES and _NOT_FINITE.search(value):
+                    text = (
+                        f'<{element.tagName}> has {name}="{value[:_VALUE_CHARACTERS]}", but must be finite. Correct the'
+                    )
+                    raise _Fault(f"{text} expression", source_line(element))
 
     def _find_meshes(self, root: minidom.Element) -> None:
         """Replace package:// in addresses of meshes by the package's folder, if the mesh is there."""
@@ -402,17 +239,17 @@ class _Expansion:
                 continue
             try:
                 file = Path(self.packages.find(match[1])) / match[2]
-            except _PackageMissingError:
+            except PackageMissingError:
                 continue
             if file.is_file():
                 mesh.setAttribute("filename", f"file://{file}")
 
-    def places(self, root: minidom.Element) -> dict[str, tuple[str, int]]:
+    def places(self, root: minidom.Element) -> dict[str, SourceLine]:
         """Return {"joint/NAME", "joint/NAME/origin", ...: (file, line)} for joints, links and what is in them."""
-        places: dict[str, tuple[str, int]] = {}
+        places: dict[str, SourceLine] = {}
 
         def collect(element: minidom.Element, path: str) -> None:
-            place = _place(element)
+            place = source_line(element)
             if place is not None:
                 places.setdefault(path, place)
             for child in element.childNodes:
@@ -444,10 +281,10 @@ def _way_out(text_of_error: str, causes: Sequence[BaseException]) -> str:
     return "Correct the expression"
 
 
-def _is_appearance(node: Any) -> bool:
+def _is_appearance(node: minidom.Node | None) -> bool:
     """Return whether an element is inside one that only says what a link looks like."""
     while node is not None:
-        if isinstance(node, minidom.Element) and node.tagName in _APPEARANCE:
+        if isinstance(node, minidom.Element) and node.tagName in _APPEARANCE_TAGS:
             return True
         node = node.parentNode
     return False
@@ -465,20 +302,22 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 def _missing_package(error: BaseException) -> str | None:
     """Return the name of the package that an error is about; None if it is about none."""
     for cause in _causes(error):
-        if isinstance(cause, _PackageMissingError):
+        if isinstance(cause, PackageMissingError):
             return str(cause)
     return None
 
 
-def _error_place(error: BaseException) -> tuple[str, int] | None:
+def _error_line(error: BaseException) -> SourceLine | None:
     """Return the place of the element that xacro processed when the error was raised."""
-    innermost: tuple[str, int] | None = None
+    innermost: SourceLine | None = None
     trace: TracebackType | None = error.__traceback__
     while trace is not None:
         names = trace.tb_frame.f_locals
         if trace.tb_frame.f_code.co_filename.endswith(("xacro/__init__.py", "xacro/xmlutils.py")):
             for name in ("node", "elt", "tag"):
-                innermost = _place(names.get(name)) or innermost
+                value = names.get(name)
+                if isinstance(value, minidom.Node):
+                    innermost = source_line(value) or innermost
         trace = trace.tb_next
     return innermost
 
@@ -497,16 +336,17 @@ def main(file: str, request: str, answer: str) -> None:
     It is {"text", "missing", "left_out", "lent", "places"} or {"error", "file", "line", "incomplete"}.
     """
     request_data = json.loads(Path(request).read_text("utf-8"))
-    sys.setrecursionlimit(_FRAMES)
-    outcome: dict[str, Any]
+    sys.setrecursionlimit(_MOST_FRAMES)
+    outcome: dict[str, object]
     expansion: _Expansion | None = None
     try:
         expansion = _Expansion(Path(file), request_data["arguments"], request_data["packages"])
         document = expansion.expand()
-        root: Any = document.documentElement
-        outcome = {"text": root.toxml(), "missing": expansion.missing, "left_out": expansion.left_out}
+        root = document.documentElement
+        assert root is not None  # the parser refuses a document without a root
+        outcome = {"text": root.toxml(), "missing": expansion.missing_packages, "left_out": expansion.left_out_macros}
         outcome["places"] = expansion.places(root)
-        outcome["lent"] = {name: _CONSTANTS[name] for name in expansion.lent()}
+        outcome["lent"] = {name: _MATH_CONSTANTS[name] for name in expansion.lent_constants()}
     except _Fault as fault:
         fault_file, line = fault.place or (_last_file(expansion) or file, 0)
         outcome = {"error": str(fault), "file": fault_file, "line": line, "incomplete": fault.incomplete}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
-from twin.core.atomic import FULL
+from twin.core.atomic import DISK_FULL
 from twin.core.errors import StageError
 
 TIME_CODES_PER_SECOND = 60.0
@@ -49,7 +49,7 @@ def save(layer: Sdf.Layer, path: Path) -> Path:
     try:
         written = layer.Export(str(path))
     except Tf.ErrorException as error:
-        for number in FULL:  # replaces the message of USD, which has forty lines
+        for number in DISK_FULL:  # replaces the message of USD, which has forty lines
             if os.strerror(number) in str(error):
                 raise OSError(number, os.strerror(number), str(path)) from None
         raise StageError(f"cannot write {path}: {error}") from error
