@@ -77,7 +77,7 @@ def test_cures_that_are_one_function_are_merged(lapbot, wrong):
 )
 def test_what_is_not_refuted_is_not_called_wrong(status, roots, text):
     claim = SimpleNamespace(
-        status=status, different=status != "refuted", roots=roots, largest=2e-6, sentence="a = b", reason="no luck"
+        status=status, may_differ=status != "refuted", roots=roots, largest=2e-6, sentence="a = b", reason="no luck"
     )
     assert _verdict(SimpleNamespace(claims=[claim], ranges={"q1": ()}, states=64)) == text
 

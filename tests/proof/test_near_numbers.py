@@ -53,4 +53,4 @@ def test_a_rounded_length_of_the_equations_is_a_finding():
     found = twin.prove(other, states=256)
     (finding,) = [finding for finding in found.findings if finding.code == "prove.near_number"]
     assert finding.message.startswith("parameter RL3, 318.198052 mm is 225 sqrt(2) = 318.1980515 mm, but for its last")
-    assert not twin.prove(robot, states=256).proof.near
+    assert not twin.prove(robot, states=256).proof.near_numbers

@@ -59,7 +59,7 @@ def test_a_guard_that_is_too_narrow_is_refuted(wrong, right, with_value):
     proof = proof_of("lapbot", "outer", right, wrong)
     claim = claim_of(proof)
     assert claim.status == "refuted"
-    assert proof.refused.without_value
+    assert proof.refused_states.without_value
     # the reference model closes the loops there, and keeps all limits
     robot = twin.load("lapbot")
     q = np.array([claim.witness[name] for name in LAPBOT])
@@ -83,9 +83,9 @@ def test_right_guards_are_compared_with_the_mechanism():
     robot = twin.load("lapbot")
     proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, 256)
     assert claim_of(proof) is None
-    assert proof.refused.compared > 200
-    assert proof.refused.unknown == 0
-    assert proof.refused.reached == 0
+    assert proof.refused_states.compared > 200
+    assert proof.refused_states.unknown == 0
+    assert proof.refused_states.reached == 0
 
 
 @pytest.mark.slow

@@ -77,10 +77,10 @@ class Proved(Result):
         proof = self.proof
         count = len(proof.claims)
         text = f"{proof.count('proved')} of {count} claims are proved for all poses"
-        if proof.drawn:
-            text += f" and for all values of {', '.join(proof.drawn)}"
-        if proof.fixed:
-            text += f", for the published values of {', '.join(proof.fixed)}"
+        if proof.arbitrary_parameters:
+            text += f" and for all values of {', '.join(proof.arbitrary_parameters)}"
+        if proof.published_angles:
+            text += f", for the published values of {', '.join(proof.published_angles)}"
         for motion in self.motions:
             proved = motion.proof.count("proved")
             text += f"; {proved} of {len(motion.proof.claims)} are proved at every moment of {motion.protocol}"
@@ -93,15 +93,15 @@ class Proved(Result):
             "robot": self.robot,
             "variants": dict(self.variants),
             "states": proof.states,
-            "within_reach": proof.inside,
-            "refused_states": _record_of_refused(proof.refused),
+            "within_reach": proof.within_reach,
+            "refused_states": _record_of_refused(proof.refused_states),
             "conditions": _conditions(proof),
-            "arbitrary_parameters": list(proof.drawn),
-            "published_angles": list(proof.fixed),
-            "largest_rounding_of_cad": proof.largest,
-            "recognised_lengths": dict(proof.recognised),
-            "near_numbers": dict(proof.near),
-            "uncovered_bodies": list(proof.uncovered),
+            "arbitrary_parameters": list(proof.arbitrary_parameters),
+            "published_angles": list(proof.published_angles),
+            "largest_rounding_of_cad": proof.largest_rounding,
+            "recognised_lengths": dict(proof.recognised_lengths),
+            "near_numbers": dict(proof.near_numbers),
+            "uncovered_bodies": list(proof.uncovered_bodies),
             "uncovered_points": list(proof.uncovered_points),
             "uncovered_values": list(proof.uncovered_values),
             "claims": list(map(_record, proof.claims)),
@@ -132,14 +132,14 @@ class Proved(Result):
         for claim in self.proof.claims:
             odds = "-"
             if claim.status == "proved":
-                odds = f"1e{math.ceil(claim.log_odds)}"
+                odds = f"1e{math.ceil(claim.log10_odds)}"
             largest_text = "rounding"
             if claim.status == "refuted" or claim.largest >= EXACT_BELOW:
                 # refuted by exact numbers alone, where floating point has no value
                 largest_text = "no value"
                 if claim.largest:
                     largest_text = str(_size_of(claim))
-            rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, largest_text))
+            rows.append((claim.name, claim.status, f"{claim.exact_zeros}/{claim.exact_states}", odds, largest_text))
         return TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
 
     def text(self) -> Iterator[Part]:
@@ -154,11 +154,11 @@ class Proved(Result):
         yield from by_severity(self.findings)
         proof = self.proof
         yield f"  {self.summary}"
-        text = f"  {100 * proof.inside:.3g} % of the drawn states are within reach and have values"
-        if proof.inside < 1 or (proof.refused is not None and proof.refused.compared):
-            text += f"; {_of_refused(proof.refused)}"
+        text = f"  {100 * proof.within_reach:.3g} % of the drawn states are within reach and have values"
+        if proof.within_reach < 1 or (proof.refused_states is not None and proof.refused_states.compared):
+            text += f"; {_of_refused(proof.refused_states)}"
         yield text
-        yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest:.1e} m or rad"
+        yield f"  numbers of the CAD differ from their exact forms by at most {proof.largest_rounding:.1e} m or rad"
         report = proof.branches
         if report is not None and report.count:
             yield f"  {_known(report)}"
@@ -168,8 +168,8 @@ class Proved(Result):
                 left_out.append(claim.name)
         if left_out:
             yield f"  the certificate leaves out {', '.join(left_out)}: a half angle is in them"
-        if proof.uncovered:
-            yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
+        if proof.uncovered_bodies:
+            yield f"  no claim covers {', '.join(proof.uncovered_bodies)}: the equations do not move them"
         if proof.uncovered_points:
             points = ", ".join(proof.uncovered_points)
             yield f"  no claim covers {points} of the equations: no placed body of the CAD has this point"
@@ -184,7 +184,7 @@ class Proved(Result):
             refuted += motion.proof.count("refuted")
             unproved += motion.proof.count("unproved")
         agreement = "PROVED: the equations agree with the mechanism at all poses"
-        if proof.inside < 1:
+        if proof.within_reach < 1:
             agreement += " within reach of the equations"
         uncovered_count = len(proof.uncovered_values) + len(proof.uncovered_points)
         if uncovered_count:
@@ -304,7 +304,7 @@ def _findings(proof: Proof) -> list[Finding]:
     open_claims: dict[str, list[str]] = {}
     for claim in proof.claims:
         if claim.status == "refuted":
-            findings.append(_refuted(claim, proof.drawn))
+            findings.append(_refuted(claim, proof.arbitrary_parameters))
         elif claim.status == "unproved":
             open_claims.setdefault(claim.reason, []).append(claim.name)
     finding_of_open = error
@@ -315,10 +315,10 @@ def _findings(proof: Proof) -> list[Finding]:
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
         findings.append(finding_of_open("prove.open", claims[0], f"{text}; {reason}"))
-    for number, form in list(proof.recognised.items())[:_SHOWN]:
+    for number, form in list(proof.recognised_lengths.items())[:_SHOWN]:
         text = f"{number} of the CAD is taken as {form}; the number in the file stays as it is"
         findings.append(info("prove.number", number, text))
-    for number, exact_form in list(proof.near.items())[:_SHOWN]:
+    for number, exact_form in list(proof.near_numbers.items())[:_SHOWN]:
         text = (
             f"{number} is {exact_form}, but for its last digit; it is taken as written: "
             "give more digits if that is meant"
@@ -422,9 +422,9 @@ def _record(claim: JudgedClaim) -> JsonObject:
         "name": claim.name,
         "claim": claim.sentence,
         "verdict": claim.status,
-        "exact_zeros": claim.zeros,
-        "exact_states": claim.known,
-        "log10_odds": claim.log_odds,
+        "exact_zeros": claim.exact_zeros,
+        "exact_states": claim.exact_states,
+        "log10_odds": claim.log10_odds,
         "largest": claim.largest,
         "witness": dict(claim.witness),
         "witness_in_fractions": dict(claim.fractions),

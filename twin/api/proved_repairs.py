@@ -51,7 +51,7 @@ def _verdict(proof: Proof) -> str:
     for claim in proof.claims:
         if claim.status == "refuted":
             refuted.append(claim)
-        if claim.different:
+        if claim.may_differ:
             different.append(claim)
         if claim.status != "proved":
             unproved.append(claim)

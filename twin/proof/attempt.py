@@ -1,30 +1,40 @@
-"""One judgement of all claims about a robot, at given states."""
+"""One judgement of all claims about a robot, at given states.
+
+The equations are repeated with exact values (`replay`), and the mechanism places its bodies by the values that they
+give (`placed_bodies`). In this order, claims are made that
+
+1. forward: the joints fit where forward equations put the tool and the passive joints,
+2. inverse: the joints fit where the joints of inverse equations put them, at the tool pose of step 1,
+3. inverse: named points are where the equations say, and keep their distances on a body,
+4. forward of inverse: forward equations of the joints of step 2 give the pose again.
+
+Without forward equations, the states are coordinates of the pose, and steps 2 and 3 remain. Margins, conditions and
+inexact operations of step 1 count in the later steps, too: the state must be within reach of both functions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.core.errors import KinematicsError
 from twin.model.body import Point
 from twin.proof import formula_side, values
 from twin.proof.claims import JudgedClaim, judged, unclaimed
+from twin.proof.degree import RootSignature, Truths
 from twin.proof.exact_mechanism import ExactMechanism
 from twin.proof.fit_conditions import cannula_conditions, fit_conditions, pose_differences
 from twin.proof.formula_side import Outputs
 from twin.proof.placed_bodies import PlacedBodies, place_bodies, point_in_base
 from twin.proof.program import ProgramStep
 from twin.proof.random_states import ProofStates
-from twin.proof.replay import Notes, RootedStates, replay
+from twin.proof.replay import Notes, replay
 from twin.proof.transforms import Matrix
-from twin.proof.values import ExactValue, RootSignature, Truths, Value
-
-_ROOTED_STATES = 256
-"""Largest number of states with all roots that are kept for a claim."""
+from twin.proof.values import ExactValue, Value
 
 _NAMED_REASONS = 3
 """Number of parameters, lengths and operations without an exact form that a claim names."""
@@ -35,8 +45,19 @@ _POINT = "point "
 Results = Mapping[str, list[Value]]
 """{output of the equations: its entries}."""
 
-RootGroup = tuple[frozenset[int], frozenset[int]]
-"""Instructions with roots in the first and in the second function of the equations."""
+
+class LocatedRoot(NamedTuple):
+    """A root in the equations.
+
+    Attributes:
+        function: 0 or 1, the first or the second function of the equations.
+        signature: the root.
+        instruction: number of its instruction in this function.
+    """
+
+    function: int
+    signature: RootSignature
+    instruction: int
 
 
 @dataclass
@@ -48,10 +69,10 @@ class Attempt:
         variants: the chosen variant of each equation.
         other_zero_shares: {claim: share of its exact values that are zero at other states}; see `judged`.
         claims: the claims.
-        uncovered: bodies that no claim covers.
+        uncovered_bodies: bodies that no claim covers.
         uncovered_points: points of the equations that no claim covers.
         shares_within_reach: share of the states within reach, of each of the functions of the equations.
-        roots: (0 or 1 for the first or the second function of the equations, root, its instruction).
+        roots: the roots in the functions of the equations.
         rootless: whether a constant has no root modulo the prime in use.
         notes: of the function that was repeated last; its operations without an exact form are those of both.
         reach: the margins of the equations.
@@ -62,10 +83,10 @@ class Attempt:
     variants: Mapping[str, str]
     other_zero_shares: Mapping[str, float] = field(default_factory=dict)
     claims: list[JudgedClaim] = field(default_factory=list)
-    uncovered: set[str] = field(default_factory=set)
+    uncovered_bodies: set[str] = field(default_factory=set)
     uncovered_points: list[str] = field(default_factory=list)
     shares_within_reach: list[float] = field(default_factory=list)
-    roots: list[tuple[int, RootSignature, int]] = field(default_factory=list)
+    roots: list[LocatedRoot] = field(default_factory=list)
     rootless: bool = False
     notes: Notes = field(default_factory=Notes)
     reach: list[ProgramStep] = field(default_factory=list)
@@ -103,40 +124,6 @@ def attempted(
     return attempt
 
 
-def with_roots(states: ProofStates, variants: Mapping[str, str], groups: Sequence[RootGroup]) -> ProofStates:
-    """Return the states where all roots of one of some groups exist in the field."""
-    rooted_mask = np.zeros(states.count, bool)
-    for group in groups:
-        places = _rooted_places(states, variants, group)
-        rooted_mask[places[:_ROOTED_STATES]] = True
-    return states.at(np.flatnonzero(rooted_mask))
-
-
-def _rooted_places(states: ProofStates, variants: Mapping[str, str], group: RootGroup) -> NDArray[np.integer]:
-    """Return the places of the states where the roots of a group exist."""
-    first, second = group
-    formula = states.formula
-    if formula.has("forward"):
-        outputs = formula_side.from_joints(formula, variants)
-    else:
-        outputs = formula_side.from_pose(formula, variants, coordinates=True)
-    pose = outputs.names.index("pose")
-    inputs = [list(states.state.values()), list(states.parameters.values())]
-    needed = []
-    if second:
-        needed = [pose]  # the second function is one of the pose
-    rooted = RootedStates(first, needed, np.arange(states.count))
-    results = replay(outputs.function, inputs, Notes(), rooted)
-    if not second:
-        return rooted.places
-    parameters = [values.taken(value, rooted.places) for value in states.parameters.values()]
-    # numbered among the states that the first function has left
-    rooted_in_second = RootedStates(second, [], np.arange(len(rooted.places)))
-    outputs = formula_side.from_pose(formula, variants, coordinates=False)
-    replay(outputs.function, [results[pose], parameters], Notes(), rooted_in_second)
-    return rooted.places[rooted_in_second.places]
-
-
 def _replayed(attempt: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state."""
     inputs = [list(state), list(attempt.states.parameters.values())]
@@ -147,8 +134,8 @@ def _replayed(attempt: Attempt, outputs: Outputs, state: Sequence[Value]) -> dic
     function_index = 0
     if attempt.shares_within_reach:  # the share of the first function is known when the second one is repeated
         function_index = 1
-    for root_signature, instruction_number in attempt.notes.roots:
-        attempt.roots.append((function_index, root_signature, instruction_number))
+    for signature, instruction in attempt.notes.roots:
+        attempt.roots.append(LocatedRoot(function_index, signature, instruction))
     return dict(zip(outputs.names, results, strict=True))
 
 
@@ -226,7 +213,7 @@ def _claim_joints_fit(
     for body, sentence, numbers in cannula_conditions(exact, placed):
         _claim(attempt, f"{stage}: {body}", sentence, numbers, inside)
         uncovered.remove(body)
-    attempt.uncovered |= uncovered
+    attempt.uncovered_bodies |= uncovered
     for name in joints:
         joint = attempt.states.robot.joint(name)
         unplaced = {joint.parent, joint.child} & uncovered
@@ -334,8 +321,8 @@ def _claim(
     states = attempt.states
     numbers = list(numbers)
     # after `numbers`: an iterator recognises the lengths of the CAD while it is read
-    reasons = [f"parameter {name_of_parameter}" for name_of_parameter in states.inexact]
-    reasons += dict.fromkeys(states.exact.drawing.unrecognised)
+    reasons = [f"parameter {name_of_parameter}" for name_of_parameter in states.inexact_parameters]
+    reasons += dict.fromkeys(states.exact.drawing.unrecognised_numbers)
     reasons += dict.fromkeys(attempt.notes.inexact)
     reasons = reasons[:_NAMED_REASONS]
     claim = judged(
@@ -343,7 +330,7 @@ def _claim(
         sentence,
         numbers,
         inside,
-        state=states.real,
+        state=states.real_values,
         reasons=reasons,
         drawn_states=states.drawn_states,
         sides=attempt.sides,

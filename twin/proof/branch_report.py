@@ -12,6 +12,7 @@ from twin.formula.contract import Formula
 from twin.proof import draws, values
 from twin.proof.branch_bounds import bounded_conditions
 from twin.proof.branch_search import other_answers
+from twin.proof.draws import RandomRange
 from twin.proof.equation_conditions import EquationConditions
 
 _RARE = 64
@@ -66,7 +67,7 @@ def examined_conditions(
     formula: Formula,
     variants: Mapping[str, str],
     drawn_parameters: Collection[str],
-    limits_of: Mapping[str, tuple[bool, float, float]],
+    ranges: Mapping[str, RandomRange],
     seed: int,
     unclaimed: Collection[str] = (),
 ) -> BranchReport:
@@ -76,20 +77,19 @@ def examined_conditions(
         formula: the equations.
         variants: the chosen variant of each equation.
         drawn_parameters: parameters with random values.
-        limits_of: {random number: (whether it is an angle, low, high)}.
+        ranges: {random number: its range}.
         seed: of the random numbers.
         unclaimed: results of which nothing is claimed, for `examined`; if there are none, conditions that only
             measures and aspects depend on are left out.
     """
     conditions = EquationConditions(formula, variants, drawn_parameters, measures=bool(unclaimed))
-    ranges = {}
+    ranges_of_state = {}
     limits = []
     for name in conditions.names:
-        ranges[name] = limits_of[name]
-        _, low, high = limits_of[name]
-        limits.append([low, high])
+        ranges_of_state[name] = ranges[name]
+        limits.append([ranges[name].low, ranges[name].high])
     # a stream of random numbers of its own: the states are others than those of the claims
-    state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
+    state = draws.named(np.random.default_rng([seed, 1]), ranges_of_state, _CONDITION_STATES)
     drawn_values = values.stacked_reals(state.values(), _CONDITION_STATES)
     published = drawn_values.copy()
     for parameter in formula.parameters:

@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.proof.draws import NEAR_PART
+from twin.proof.degree import Truths
+from twin.proof.draws import CENTRE_DISTANCE
 from twin.proof.equation_conditions import EquationConditions
 from twin.proof.function_branches import EquationCondition
-from twin.proof.values import Truths
 
 _STARTS = 24
 """Number of states nearest to the change of an answer from which a search starts."""
@@ -32,7 +32,7 @@ _NEIGHBOURS = 4
 """Number of states beside a state at which its answer must be the same."""
 
 _NEIGHBOUR_PART = (-0.05, 1.0)
-"""Where these states are, as parts of the distance within which a state is drawn near another (`NEAR_PART`)."""
+"""Where these states are, as parts of the distance within which a state is drawn near another (`CENTRE_DISTANCE`)."""
 
 _MOST_FOUND = 16
 """Maximum number of states that are kept of those where one condition has another answer."""
@@ -122,7 +122,7 @@ def _is_steady(
     A claim is judged at exact fractions near a state that was found, not at the state itself.
     """
     steady = np.ones(state.shape[1], bool)
-    width = NEAR_PART * (limits[:, 1:] - limits[:, :1])
+    width = CENTRE_DISTANCE * (limits[:, 1:] - limits[:, :1])
     generator = np.random.default_rng(0)  # the same neighbours in each proof
     for _ in range(_NEIGHBOURS):
         neighbours = state + width * generator.uniform(*_NEIGHBOUR_PART, state.shape)

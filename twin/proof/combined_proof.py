@@ -39,14 +39,20 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
         chosen_claim = claim
         if general_claim.status == "proved":
             chosen_claim = general_claim
-        elif general_claim.status == claim.status == "unproved" and general_claim.zeros >= claim.zeros:
+        elif general_claim.status == claim.status == "unproved" and general_claim.exact_zeros >= claim.exact_zeros:
             # both are open: the one with more evidence says more about what is missing
             chosen_claim = general_claim
         claims.append(chosen_claim)
         is_special |= chosen_claim.status == "proved" and general_claim.status != "proved"
     if is_special or not general.count("proved"):
         return replace(published, claims=tuple(claims))
-    return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed, ranges=general.ranges)
+    return replace(
+        published,
+        claims=tuple(claims),
+        arbitrary_parameters=general.arbitrary_parameters,
+        published_angles=general.published_angles,
+        ranges=general.ranges,
+    )
 
 
 def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
@@ -56,7 +62,7 @@ def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
     """
     claims = []
     for claim, rooted_claim in zip(proof.claims, with_all_roots.claims, strict=True):
-        is_better = rooted_claim.status != "unproved" or rooted_claim.zeros > claim.zeros
+        is_better = rooted_claim.status != "unproved" or rooted_claim.exact_zeros > claim.exact_zeros
         if claim.needs_more_states and is_better:
             claims.append(rooted_claim)
         else:
@@ -74,7 +80,7 @@ def demote_contradicted(proof: Proof, other_states: Proof) -> Proof:
     for claim, other_claim in zip(proof.claims, other_states.claims, strict=True):
         if other_claim.status == "refuted":
             claims.append(other_claim)
-        elif claim.status == "proved" and (other_claim.different or other_claim.undefined):
+        elif claim.status == "proved" and (other_claim.may_differ or other_claim.undefined_states):
             claims.append(replace(claim, status="unproved", reason=other_claim.reason, nodes=()))
         else:
             claims.append(claim)
@@ -94,7 +100,7 @@ def demote_wrong_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str
     for claim in claims:
         certain_error = 0.0
         if claim.status == "proved" and claim.roots:
-            certain_error = certainly_not_zero(claim.nodes, [*claim.doubtful, *chosen])
+            certain_error = certainly_not_zero(claim.nodes, [*claim.doubtful_states, *chosen])
         if certain_error:
             reason = (
                 f"with the signs of its roots, a value is {certain_error:.3g} at a state within reach: a difference "
@@ -123,8 +129,8 @@ def with_conditions(proof: Proof, report: BranchReport) -> Proof:
         )
         claims.append(unclaimed("results without a claim", sentence, reason))
     refused_claim = None
-    if proof.refused is not None:
-        refused_claim = proof.refused.claim()
+    if proof.refused_states is not None:
+        refused_claim = proof.refused_states.claim()
     if refused_claim is not None:
         claims.append(refused_claim)
     elif report.without_value:

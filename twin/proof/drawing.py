@@ -42,10 +42,10 @@ class Drawing:
 
     Attributes:
         states: number k of states.
-        unrecognised: numbers without an exact form, as texts with their body.
-        recognised: {length as text: its exact form}, for lengths that are no decimals.
-        near: {length without an exact form as text: the root of a drawing that it is, but for its last digit}.
-        largest: the largest difference in m or rad so far between a number and its exact form.
+        unrecognised_numbers: numbers without an exact form, as texts with their body.
+        recognised_lengths: {length as text: its exact form}, for lengths that are no decimals.
+        near_roots: {length without an exact form as text: the root of a drawing that it is, but for its last digit}.
+        largest_rounding: the largest difference in m or rad so far between a number and its exact form.
     """
 
     def __init__(
@@ -60,10 +60,10 @@ class Drawing:
             formulas: whether lengths that are parts of a parameter are this part in formulas.
         """
         self.states = states
-        self.unrecognised: list[str] = []
-        self.recognised: dict[str, str] = {}
-        self.near: dict[str, str] = {}
-        self.largest = 0.0
+        self.unrecognised_numbers: list[str] = []
+        self.recognised_lengths: dict[str, str] = {}
+        self.near_roots: dict[str, str] = {}
+        self.largest_rounding = 0.0
         self._lengths = lengths
         self._formulas = formulas
         self._angles = list(angles.values())
@@ -148,10 +148,10 @@ class Drawing:
         if exact_length is not None:
             return self._recognised(exact_length, value)
         text = f"{value * 1e3:.9g} mm of {what}"
-        self.unrecognised.append(text)
+        self.unrecognised_numbers.append(text)
         near_root = near_length(value, self._float_lengths())
         if near_root:
-            self.near[text] = near_root
+            self.near_roots[text] = near_root
         return values.unknown(np.full(self.states, value))
 
     def _float_lengths(self) -> dict[str, float]:
@@ -171,7 +171,7 @@ class Drawing:
         exact = self._exact_angle(value)
         if exact is not None:
             return exact
-        self.unrecognised.append(f"{math.degrees(value):.9g} deg of {what}")
+        self.unrecognised_numbers.append(f"{math.degrees(value):.9g} deg of {what}")
         real = np.full(self.states, value)
         return Angle(values.unknown(np.cos(real)), values.unknown(np.sin(real)), real)
 
@@ -200,15 +200,15 @@ class Drawing:
             return None
         cosine, sine = point
         exact_value = math.atan2(float(sine), float(cosine))
-        self.largest = max(self.largest, abs(math.remainder(value - exact_value, 2 * math.pi)))
+        self.largest_rounding = max(self.largest_rounding, abs(math.remainder(value - exact_value, 2 * math.pi)))
         real = np.full(self.states, exact_value)
         return Angle(values.exact(cosine, self.states), values.exact(sine, self.states), real)
 
     def _recognised(self, number: ExactNumber, value: float) -> ExactValue:
         """Return a length whose exact form is `number`, and keep what must be said of it."""
-        self.largest = max(self.largest, abs(float(number) - value))
+        self.largest_rounding = max(self.largest_rounding, abs(float(number) - value))
         if number.decimal is None:
-            self.recognised[f"{value * 1e3:.9g} mm"] = f"{number.in_mm} mm"
+            self.recognised_lengths[f"{value * 1e3:.9g} mm"] = f"{number.in_mm} mm"
         length = values.exact(number, self.states)
         if self._formulas and len(number.parts) == 1:
             radicand, fraction = number.parts[0]

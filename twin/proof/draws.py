@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,23 +14,45 @@ from twin.core.spatial import Array
 from twin.proof import field, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_angle
+from twin.proof.degree import Degree
 from twin.proof.program import ProgramStep
-from twin.proof.values import Angle, Degree, ExactValue, Value
+from twin.proof.values import Angle, ExactValue, Value
+
+
+class RandomRange(NamedTuple):
+    """The range from which a random number is drawn.
+
+    Attributes:
+        is_angle: whether it is an angle, whose cosine and sine are exact; otherwise a length.
+        low, high: its ends in rad or m.
+    """
+
+    is_angle: bool
+    low: float
+    high: float
+
 
 STEPS = 2**49
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
 
-_NEAR_FRACTIONS = 2**4
+_FRACTIONS_AT_CENTRE = 2**4
 """Number of fractions among which one near a given value is drawn."""
 
-NEAR_PART = 512.0 * _NEAR_FRACTIONS / STEPS
+_ANGLE_PER_TANGENT = 512.0
+"""Bound of an angle's step by a step of its tangent, each as a part of its range: at most 2 * 1273 / (2 pi) = 405.
+
+The range of tangents is up to 2 tan(0.999 pi / 2) = 1273 wide, and an angle changes by at most 2 per unit of its
+tangent.
+"""
+
+CENTRE_DISTANCE = _ANGLE_PER_TANGENT * _FRACTIONS_AT_CENTRE / STEPS
 """Largest distance of what is drawn near a given value from it, as a part of the range.
 
-The fractions are above the value, but for half a step. Those of an angle are tangents, which are up to 1273 wide.
+The fractions are above the value, but for half a step.
 """
 
 _ANGLE_TOLERANCE = 1e-12
-"""Tolerance of an angle that is a multiple of 30 or of 45 degrees, in multiples of these."""
+"""Largest distance of an angle from a multiple of 30 or of 45 degrees, as a part of 30 or of 45 degrees."""
 
 _OPEN_SHARE = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
@@ -42,19 +65,19 @@ def number(
     states: int,
     name: str,
     formulas: bool = False,
-    near: Array | None = None,
+    centres: Array | None = None,
 ) -> ExactValue:
     """Return a random fraction from low to high at each of k states; it may be a variable of formulas.
 
-    If values `near` (k,) are given, the fractions are within a part of 2^-45 of the range from them.
+    If values `centres` (k,) are given, the fractions are within a part of 2^-45 of the range from them.
     """
     first = Fraction(low)
     step = (Fraction(high) - first) / STEPS
     multiples = generator.integers(0, STEPS, states)
-    if near is not None:
-        nearest_multiples = np.round((near - low) / (high - low) * STEPS).astype(np.int64)
+    if centres is not None:
+        nearest_multiples = np.round((centres - low) / (high - low) * STEPS).astype(np.int64)
         # not the nearest fraction itself: repeated states must be others
-        multiples = nearest_multiples + multiples % _NEAR_FRACTIONS
+        multiples = nearest_multiples + multiples % _FRACTIONS_AT_CENTRE
     multiples = np.clip(multiples, 0, STEPS - 1).astype(np.uint64)
     real = low + (high - low) * (multiples.astype(float) / STEPS)
     steps = np.full(states, field.residue(step), np.uint64)
@@ -74,31 +97,31 @@ def turn(
     states: int,
     name: str,
     formulas: bool = False,
-    near: Array | None = None,
+    centres: Array | None = None,
 ) -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
 
-    If angles `near` (k,) are given, it is near them.
+    If angles `centres` (k,) are given, it is near them.
 
     The tangent t of half its distance from a multiple of 30 degrees near the middle is a random fraction; cosine and
-    sine are fractions of t.
+    sine are fractions of t: (1 - t^2) / (1 + t^2) and 2 t / (1 + t^2).
     """
-    start = _nearest((low + high) / 2)
+    origin = _nearest_multiple_of_30_degrees((low + high) / 2)
     farthest = _OPEN_SHARE * math.pi
-    first = math.tan(max(low - start, -farthest) / 2)
-    last = math.tan(min(high - start, farthest) / 2)
-    near_tangents = None
-    if near is not None:
-        near_tangents = np.tan(np.clip(near - start, -farthest, farthest) / 2)
-    t = number(generator, first, last, states, name, near=near_tangents)
+    first_tangent = math.tan(max(low - origin, -farthest) / 2)
+    last_tangent = math.tan(min(high - origin, farthest) / 2)
+    central_tangents = None
+    if centres is not None:
+        central_tangents = np.tan(np.clip(centres - origin, -farthest, farthest) / 2)
+    t = number(generator, first_tangent, last_tangent, states, name, centres=central_tangents)
     one = values.constant(1.0, states)
     square = values.product(t, t)
     scale = values.reciprocal(values.total(one, square))
     cosine = values.product(values.difference(one, square), scale)
     sine = values.product(values.total(t, t), scale)
     real = 2 * np.arctan(t.real)
-    turned_by = fixed_angle(start, states)
-    angle = values.turned(turned_by, Angle(cosine, sine, real))
+    from_origin = Angle(cosine, sine, real)
+    angle = values.turned(fixed_angle(origin, states), from_origin)
     # for a certificate, cosine and sine are inputs: it does not repeat how they were drawn
     cosine = replace(angle.cosine, node=ProgramStep("cosine", text=name))
     sine = replace(angle.sine, node=ProgramStep("sine", text=name))
@@ -108,7 +131,7 @@ def turn(
     return replace(angle, cosine=cosine, sine=sine)
 
 
-def _nearest(angle: float) -> float:
+def _nearest_multiple_of_30_degrees(angle: float) -> float:
     """Return the multiple of 30 degrees nearest to an angle in rad."""
     step = math.pi / 6
     return round(angle / step) * step
@@ -126,22 +149,27 @@ def fixed_angle(angle: float, states: int) -> Angle:
 
 def named(
     generator: np.random.Generator,
-    ranges: Mapping[str, tuple[bool, float, float]],
+    ranges: Mapping[str, RandomRange],
     states: int,
     formulas: bool = False,
-    near: Mapping[str, Array] | None = None,
+    centres: Mapping[str, Array] | None = None,
 ) -> dict[str, Value]:
-    """Return random values by name; a range is (whether it is an angle, low, high).
+    """Return {random number: its values at k states}.
 
-    `formulas`: whether they are variables of formulas. `near`: {name: values (k,) near which they are}.
+    Args:
+        generator: of the random numbers.
+        ranges: {random number: its range}.
+        states: number k of states.
+        formulas: whether they are variables of formulas.
+        centres: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
     """
-    values_of: dict[str, Value] = {}
+    random_values: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
-        near_values = None
-        if near is not None:
-            near_values = near[name]
+        centres_of_number = None
+        if centres is not None:
+            centres_of_number = centres[name]
         if is_angle:
-            values_of[name] = turn(generator, low, high, states, name, formulas, near_values)
+            random_values[name] = turn(generator, low, high, states, name, formulas, centres_of_number)
         else:
-            values_of[name] = number(generator, low, high, states, name, formulas, near_values)
-    return values_of
+            random_values[name] = number(generator, low, high, states, name, formulas, centres_of_number)
+    return random_values

@@ -58,9 +58,9 @@ def equal_outputs(
             if not states_of_report:
                 continue
             count = len(states_of_report) * REPEATS_PER_STATE
-            nearby_states = random_states(first, robot, count, seed, near=repeated)
+            nearby_states = random_states(first, robot, count, seed, centres=repeated)
             for i, nearby_claim in enumerate(_compared(nearby_states, first, second, variants)):
-                if nearby_claim.status == "refuted" or nearby_claim.different or nearby_claim.undefined:
+                if nearby_claim.status == "refuted" or nearby_claim.may_differ or nearby_claim.undefined_states:
                     claims[i] = nearby_claim
             rare += states_of_report
     return demote_wrong_signs(claims, rare)
@@ -101,7 +101,7 @@ def _claims(
             for first_value, second_value in zip(first_values, second_values, strict=True):
                 numbers += _differences(first_value, second_value)
         sentence = f"both give the same {name}"
-        yield judged(f"{stage}: {name}", sentence, numbers, inside, states.real, (), states.drawn_states)
+        yield judged(f"{stage}: {name}", sentence, numbers, inside, states.real_values, (), states.drawn_states)
 
 
 def _replayed(states: ProofStates, function: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:

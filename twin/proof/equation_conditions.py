@@ -10,9 +10,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.proof import formula_side
+from twin.proof.degree import Truths
 from twin.proof.formula_side import POSE_ENTRIES
 from twin.proof.function_branches import EquationCondition, expressions_and_conditions
-from twin.proof.values import Truths
 
 _LONGEST_TEXT = 60
 """Maximum length of the text of a condition; a longer one is named by its number."""

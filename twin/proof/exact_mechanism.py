@@ -78,9 +78,9 @@ class ExactMechanism:
                 trial.steps(inverse_reference @ frame, body)
             for p in points:
                 trial.point(inverse_reference[:3, :3] @ p + inverse_reference[:3, 3], body)
-            if len(trial.unrecognised) < fewest:
+            if len(trial.unrecognised_numbers) < fewest:
                 best = reference
-                fewest = len(trial.unrecognised)
+                fewest = len(trial.unrecognised_numbers)
             if not fewest:
                 break
         return best

@@ -9,11 +9,11 @@ import casadi as ca
 
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
+from twin.proof.degree import Truths
 from twin.proof.formula_side import Outputs
 from twin.proof.instructions import Instruction, instructions
 from twin.proof.intervals import Intervals
 from twin.proof.undefined_answers import undefined_answers
-from twin.proof.values import Truths
 
 _REQUIRED = ("pose", "joints", "reach")
 """Outputs that must be numbers at a state within reach."""

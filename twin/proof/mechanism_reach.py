@@ -17,11 +17,11 @@ from twin.core.spatial import Array
 from twin.model.body import Body
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import Mechanism
+from twin.proof.degree import Truths
 from twin.proof.motion.closure import enclosed
 from twin.proof.motion.linkage import Linkage, rotation_of, supported
 from twin.proof.motion.prediction import solved
 from twin.proof.motion.taylor import TaylorModel, constant
-from twin.proof.values import Truths
 
 _STEPS = 8
 """Number of steps from the poses of the CAD to a state."""

@@ -13,6 +13,7 @@ from twin.proof import formula_side
 from twin.proof.attempt import Attempt
 from twin.proof.branch_report import BranchReport
 from twin.proof.claims import JudgedClaim
+from twin.proof.draws import RandomRange
 from twin.proof.fit_conditions import is_judged_by_others
 from twin.proof.instructions import instructions
 from twin.proof.near_numbers import near_length, near_number
@@ -27,39 +28,37 @@ class Proof:
     Attributes:
         claims: all claims.
         states: number of random states.
-        inside: smallest share of the states within reach.
+        within_reach: smallest share of the states within reach.
         branches: the conditions in the equations; None if a claim is refuted.
-        drawn: parameters for all of whose values the claims are proved.
-        fixed: other parameters that are angles: with other values, a claim is wrong, or none was tried.
-        inexact: parameters without an exact form.
-        largest: largest difference in m or rad between a number of the CAD and its exact form.
-        unrecognised: numbers of the CAD without an exact form.
-        recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
-        near: {number that is taken as it is written: the root of a drawing that it is, but for its last digit}.
-        uncovered: bodies that no claim covers.
+        arbitrary_parameters: parameters for all of whose values the claims are proved.
+        published_angles: other parameters that are angles: with other values, a claim is wrong, or none was tried.
+        inexact_parameters: parameters without an exact form.
+        largest_rounding: largest difference in m or rad between a number of the CAD and its exact form.
+        recognised_lengths: {length of the CAD as text: its exact form}, for lengths that are no decimals.
+        near_numbers: {number that is taken as it is written: the root of a drawing that it is, but for its last digit}.
+        uncovered_bodies: bodies that no claim covers.
         uncovered_points: points of the equations that no claim covers.
         uncovered_values: passive joints, margins, measures and aspects of the equations of whose values nothing is
             claimed, as "margin arm". Of a margin, only the sign counts: it says where the claims are.
-        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
-        refused: what the mechanism says of states that the equations refuse; None if no such state was compared.
+        ranges: {random number: its range}.
+        refused_states: what the mechanism says of states that the equations refuse; None if no such state was compared.
     """
 
     claims: tuple[JudgedClaim, ...]
     states: int
-    inside: float
+    within_reach: float
     branches: BranchReport | None
-    drawn: tuple[str, ...]
-    fixed: tuple[str, ...]
-    inexact: tuple[str, ...]
-    largest: float
-    unrecognised: tuple[str, ...]
-    recognised: Mapping[str, str]
-    near: Mapping[str, str]
-    uncovered: tuple[str, ...]
+    arbitrary_parameters: tuple[str, ...]
+    published_angles: tuple[str, ...]
+    inexact_parameters: tuple[str, ...]
+    largest_rounding: float
+    recognised_lengths: Mapping[str, str]
+    near_numbers: Mapping[str, str]
+    uncovered_bodies: tuple[str, ...]
     uncovered_points: tuple[str, ...]
     uncovered_values: tuple[str, ...]
-    ranges: Mapping[str, tuple[bool, float, float]]
-    refused: RefusedStates | None = None
+    ranges: Mapping[str, RandomRange]
+    refused_states: RefusedStates | None = None
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
@@ -70,28 +69,31 @@ def proof_of(attempt: Attempt, states: int) -> Proof:
     """Return the proof of one attempt, with a number of drawn states."""
     proof_states = attempt.states
     drawing = proof_states.exact.drawing
+    published_angles = []
+    for name in angles(proof_states.formula):
+        if name not in proof_states.drawn_parameters:
+            published_angles.append(name)
     return Proof(
         claims=tuple(attempt.claims),
         states=states,
-        inside=min(attempt.shares_within_reach),
+        within_reach=min(attempt.shares_within_reach),
         branches=None,
-        drawn=tuple(proof_states.drawn),
-        fixed=tuple(name for name in angles(proof_states.formula) if name not in proof_states.drawn),
-        inexact=tuple(proof_states.inexact),
-        largest=drawing.largest,
-        unrecognised=tuple(dict.fromkeys(drawing.unrecognised)),
-        recognised=dict(drawing.recognised),
-        near=dict(drawing.near),
-        uncovered=tuple(sorted(attempt.uncovered)),
+        arbitrary_parameters=tuple(proof_states.drawn_parameters),
+        published_angles=tuple(published_angles),
+        inexact_parameters=tuple(proof_states.inexact_parameters),
+        largest_rounding=drawing.largest_rounding,
+        recognised_lengths=dict(drawing.recognised_lengths),
+        near_numbers=dict(drawing.near_roots),
+        uncovered_bodies=tuple(sorted(attempt.uncovered_bodies)),
         uncovered_points=tuple(attempt.uncovered_points),
         uncovered_values=tuple(_uncovered_values(attempt)),
         ranges=proof_states.ranges,
     )
 
 
-def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str, str]:
+def near_numbers_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str, str]:
     """Return {parameter or number of the equations: the root that it is, but for its last digit}."""
-    near: dict[str, str] = {}
+    root_of: dict[str, str] = {}  # "" for a number that is near none
     lengths = {}
     for parameter in formula.parameters:
         if parameter.unit in ("mm", "m") and parameter.value:
@@ -100,7 +102,7 @@ def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str
         other_lengths = dict(lengths)
         # Each parameter is a part of itself, which would say nothing.
         del other_lengths[name]
-        near[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, other_lengths)
+        root_of[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, other_lengths)
     if formula.has("inverse"):
         outputs = formula_side.from_pose(formula, variants, coordinates=not formula.has("forward"))
     else:
@@ -108,8 +110,8 @@ def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str
     for step in instructions(outputs.function):
         if step.operation == ca.OP_CONST and math.isfinite(step.constant):
             root = near_number(step.constant) or near_length(step.constant, lengths)
-            near[f"{step.constant:.12g} in the equations"] = root
-    return {text: root for text, root in near.items() if root}
+            root_of[f"{step.constant:.12g} in the equations"] = root
+    return {text: root for text, root in root_of.items() if root}
 
 
 def _uncovered_values(attempt: Attempt) -> list[str]:
@@ -118,7 +120,7 @@ def _uncovered_values(attempt: Attempt) -> list[str]:
     robot = attempt.states.robot
     names = []
     for joint in formula.passive:
-        if not is_judged_by_others(robot, joint, attempt.uncovered):
+        if not is_judged_by_others(robot, joint, attempt.uncovered_bodies):
             names.append(f"passive joint {joint}")
     for margin in formula.reach:
         names.append(f"margin {margin}")

@@ -1,4 +1,22 @@
-"""Prove that equations and mechanism agree at all poses, or find where they do not."""
+"""Prove that equations and mechanism agree at all poses, or find where they do not.
+
+Words of this room: a *state* is a draw of all random numbers: joint values or coordinates of a pose, and the *drawn*
+parameters, which have random values near their published ones. A state is *within reach* if the equations have values
+and no negative margin there; they *refuse* the others. A value is *exact* if its residue in the prime field is known,
+which needs all of its roots to exist there.
+
+Stages of a proof (`_ProofRun.proof`), each with the reason for its place:
+
+1. The published parameters. One wrong pose is enough: a refuted claim gets a formula of its error and a witness in
+   fractions, and the proof ends. It also ends if no state is within reach.
+2. Other values of the angles. What comes later must be judged with the parameters for which the result will hold.
+3. More states with all roots, for claims that still lack exact zeros with these parameters.
+4. The conditions in the equations: which answers no state had so far. The search for such states needs their ranges.
+5. The states that the equations refuse, compared with the mechanism; some of them are found by the search of 4.
+6. The claims again, at the states that 4 found, and at states that are spread evenly over the ranges of angles.
+7. The signs of roots, with many digits, at states where 3 or 6 left them open and at those that 4 found.
+8. Claims that say what 4 and 5 left open.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +29,16 @@ from twin.core.progress import Progress, silent
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
-from twin.proof import combined_proof, field
-from twin.proof.attempt import Attempt, RootGroup, attempted, with_roots
+from twin.proof import combined_proof, field, refuted_claims
+from twin.proof.attempt import Attempt, attempted
 from twin.proof.branch_report import BranchReport, examined_conditions, states_one_by_one
 from twin.proof.claims import JudgedClaim
 from twin.proof.constants import exact_angle
-from twin.proof.proof_result import Proof, near_in_equations, proof_of
+from twin.proof.draws import RandomRange
+from twin.proof.proof_result import Proof, near_numbers_in_equations, proof_of
 from twin.proof.random_states import ANGULAR, ProofStates, angles, random_states
-from twin.proof.rational_witness import rational_witness
 from twin.proof.refused_states import RefusedStates, refused_states
+from twin.proof.rooted_states import RootGroup, root_groups, with_roots
 
 STATES = 4096
 """Number of random states."""
@@ -33,8 +52,8 @@ _TRIAL_STATES = 256
 _EVEN_STATES = 2048
 """Number of states that are spread evenly over the ranges of angles; the others have even tangents of half angles."""
 
-_ROOTED_FACTORS = (16, 128)
-"""Numbers of states, as multiples, among which those with all roots are searched for claims with many roots."""
+_ROOTED_STATES_FACTORS = (16, 128)
+"""How many times more states than asked for are searched for those with all roots, one search after the other."""
 
 REPEATS_PER_STATE = 16
 """How often each state that was found is judged, because roots do not exist in the field at all of them."""
@@ -42,11 +61,11 @@ REPEATS_PER_STATE = 16
 _FORMULA_STATES = 16
 """Number of states at which formulas are computed; they do not depend on it."""
 
-_MOST_CACHED = 8192
+_MOST_CACHED_STATES = 8192
 """Maximum number of states that are kept for the next proof."""
 
 _ANGLE_TOLERANCE = 1e-12
-"""Tolerance of a parameter that is a multiple of 30 or of 45 degrees, in multiples of these."""
+"""Largest distance of a parameter from a multiple of 30 or of 45 degrees, as a part of 30 or of 45 degrees."""
 
 
 class Prover:
@@ -75,7 +94,7 @@ class Prover:
         if key in self._cache:
             return self._cache[key]
         states = random_states(self.formula, self.robot, count, self.seed, drawn, formulas)
-        if count <= _MOST_CACHED:
+        if count <= _MOST_CACHED_STATES:
             self._cache[key] = states
         return states
 
@@ -158,15 +177,14 @@ class _ProofRun:
         """Return all claims and their verdicts."""
         published = self._with_published_parameters()
         proof = published.proof
-        # one wrong pose is enough: the rest would only confirm it
         if proof.count("refuted"):
             return self._explained(proof)
-        if not proof.inside:
+        if not proof.within_reach:
             return proof  # nothing is within reach: other states and parameters prove nothing
         judged = self._for_other_parameters(published)
         proof = self._with_rooted_states(judged)
         report = self._conditions(proof)
-        proof = replace(proof, refused=self._refused(proof, report))
+        proof = replace(proof, refused_states=self._refused_states(proof, report))
         proof = self._with_found_states(proof, report)
         proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
@@ -184,8 +202,8 @@ class _ProofRun:
                 # with an angle without an exact form nothing is proved yet: this attempt only refutes
                 count = min(self.count, STATES)
         judged = self._attempt((), count)
-        near = {**judged.proof.near, **near_in_equations(formula, self.variants)}
-        return replace(judged, proof=replace(judged.proof, near=near))
+        near_numbers = {**judged.proof.near_numbers, **near_numbers_in_equations(formula, self.variants)}
+        return replace(judged, proof=replace(judged.proof, near_numbers=near_numbers))
 
     def _with_rooted_states(self, judged: _JudgedAttempt) -> Proof:
         """Return the proof with the claims that need states where all of their roots exist.
@@ -194,8 +212,8 @@ class _ProofRun:
         """
         proof = judged.proof
         attempt = judged.attempt
-        for factor in _ROOTED_FACTORS:
-            groups = _root_groups(proof, attempt)
+        for factor in _ROOTED_STATES_FACTORS:
+            groups = root_groups(proof.claims, attempt)
             if groups:
                 self.progress("states with roots", 0.9)
                 with_all_roots = self._attempt(self.arbitrary_angles, factor * self.count, root_groups=groups)
@@ -210,43 +228,23 @@ class _ProofRun:
         unclaimed = list(proof.uncovered_values)
         for name in proof.uncovered_points:
             unclaimed.append(f"point {name}")
-        return examined_conditions(prover.formula, self.variants, proof.drawn, proof.ranges, prover.seed, unclaimed)
+        return examined_conditions(
+            prover.formula, self.variants, proof.arbitrary_parameters, proof.ranges, prover.seed, unclaimed
+        )
 
     def _explained(self, proof: Proof) -> Proof:
         """Return the proof whose refuted claims have their errors as formulas, and witnesses in fractions."""
         self.progress("the errors as formulas", 0.5)
         with_formulas = self._attempt((), _FORMULA_STATES, formulas=True).proof
-        formulas = {claim.name: claim for claim in with_formulas.claims}
-        inexact_angles = [name for name in angles(self.prover.formula) if name in proof.inexact]
-        general: Proof | None = None
-        claims = []
-        for claim in proof.claims:
-            if claim.status != "refuted":
-                claims.append(claim)
-                continue
-            fractions = rational_witness(claim, proof.ranges)
-            if not fractions and inexact_angles:
-                # angles as 52 degrees have no exact form: fractions near them are part of the witness
-                if general is None:
-                    self.progress("witnesses in fractions", 0.8)
-                    general = self._attempt(inexact_angles, _TRIAL_STATES).proof
-                fractions = self._witness_near(claim.name, general, inexact_angles)
-            formula = formulas[claim.name]
-            claims.append(replace(claim, error=formula.error, error_terms=formula.error_terms, fractions=fractions))
-        return replace(proof, claims=tuple(claims))
 
-    def _witness_near(self, name: str, general: Proof, parameters: Sequence[str]) -> dict[str, str]:
-        """Return a witness in fractions of a claim, with some parameters near their published values; or none."""
-        (claim,) = [claim for claim in general.claims if claim.name == name]
-        if claim.status != "refuted":
-            return {}
-        witness = dict(claim.witness)
-        for parameter in self.prover.formula.parameters:
-            if parameter.name in parameters:
-                witness[parameter.name] = float(parameter.value)
-        return rational_witness(replace(claim, witness=witness), general.ranges, parameters)
+        def with_random_parameters(names: Sequence[str]) -> Proof:
+            self.progress("witnesses in fractions", 0.8)
+            return self._attempt(names, _TRIAL_STATES).proof
 
-    def _even_states(self, ranges: Mapping[str, tuple[bool, float, float]]) -> dict[str, Array]:
+        formula = self.prover.formula
+        return refuted_claims.with_errors_and_fractions(proof, with_formulas, formula, with_random_parameters)
+
+    def _even_states(self, ranges: Mapping[str, RandomRange]) -> dict[str, Array]:
         """Return {random number: values (k,)} that are spread evenly over the ranges.
 
         Tangents of half angles that are spread evenly, as the odds need them, belong to angles near half a turn if a
@@ -254,8 +252,8 @@ class _ProofRun:
         """
         generator = np.random.default_rng([self.prover.seed, 2])
         even_values = {}
-        for name, (_, low, high) in ranges.items():
-            even_values[name] = generator.uniform(low, high, _EVEN_STATES)
+        for name, limits in ranges.items():
+            even_values[name] = generator.uniform(limits.low, limits.high, _EVEN_STATES)
         return even_values
 
     def _attempt(
@@ -264,7 +262,7 @@ class _ProofRun:
         count: int,
         formulas: bool = False,
         root_groups: Sequence[RootGroup] = (),
-        near: Mapping[str, Array] | None = None,
+        centres: Mapping[str, Array] | None = None,
         other_zero_shares: Mapping[str, float] = {},
     ) -> _JudgedAttempt:
         """Return one attempt and its proof, with the next prime if a constant has no root modulo the first one.
@@ -274,16 +272,16 @@ class _ProofRun:
             count: number of states.
             formulas: whether what is not zero is computed as a polynomial.
             root_groups: if given, only states are judged where all roots of one of these groups exist.
-            near: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
+            centres: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
             other_zero_shares: {claim: share of its exact values that are zero at other states}.
         """
         prover = self.prover
         while True:
             with field.modulo(self.primes[0]):
-                if near is None:
+                if centres is None:
                     states = prover.states(count, drawn, formulas)
                 else:
-                    states = random_states(prover.formula, prover.robot, count, prover.seed, drawn, formulas, near)
+                    states = random_states(prover.formula, prover.robot, count, prover.seed, drawn, formulas, centres)
                 if root_groups:
                     states = with_roots(states, self.variants, root_groups)
                 attempt = attempted(states, self.variants, other_zero_shares)
@@ -296,7 +294,7 @@ class _ProofRun:
         inexact_group = []
         groups = [inexact_group]
         for name in angles(self.prover.formula):
-            if name in published.proof.inexact:
+            if name in published.proof.inexact_parameters:
                 # these together, because an angle of the CAD may be a sum of two
                 inexact_group.append(name)
             else:
@@ -307,7 +305,7 @@ class _ProofRun:
             if not group:
                 continue
             trial = self._attempt([*self.arbitrary_angles, *group], _TRIAL_STATES).proof
-            if trial.inside > 0 and not trial.count("refuted"):
+            if trial.within_reach > 0 and not trial.count("refuted"):
                 self.arbitrary_angles += group
         if not self.arbitrary_angles:
             return published
@@ -315,10 +313,10 @@ class _ProofRun:
         general = self._attempt(self.arbitrary_angles, self.count)
         return replace(general, proof=combined_proof.for_all_parameters(published.proof, general.proof))
 
-    def _refused(self, proof: Proof, report: BranchReport) -> RefusedStates | None:
+    def _refused_states(self, proof: Proof, report: BranchReport) -> RefusedStates | None:
         """Return what the mechanism says of states that the equations refuse; None without any, or if it is unknown."""
         number_found = len(next(iter(report.refused.values())))
-        if proof.inside == 1 and not number_found and not report.without_value:
+        if proof.within_reach == 1 and not number_found and not report.without_value:
             return None
         prover = self.prover
         return refused_states(
@@ -335,35 +333,16 @@ class _ProofRun:
         repeated = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in report.states.items()}
         return self._judged_near(proof, repeated)
 
-    def _judged_near(self, proof: Proof, near: Mapping[str, Array]) -> Proof:
+    def _judged_near(self, proof: Proof, centres: Mapping[str, Array]) -> Proof:
         """Return the proof after its claims were judged near given values (k,) of the random numbers."""
-        count = len(next(iter(near.values())))
+        count = len(next(iter(centres.values())))
         if not count:
             return proof
         zero_shares = {}
         for claim in proof.claims:
             if claim.status == "proved" and claim.roots:
                 zero_shares[claim.name] = claim.zero_share
-        other_states = self._attempt(proof.drawn, count, near=near, other_zero_shares=zero_shares).proof
+        other_states = self._attempt(
+            proof.arbitrary_parameters, count, centres=centres, other_zero_shares=zero_shares
+        ).proof
         return combined_proof.demote_contradicted(proof, other_states)
-
-
-def _root_groups(proof: Proof, attempt: Attempt) -> list[RootGroup]:
-    """Return the roots of each claim that needs more states where they exist; `attempt` has the same claims."""
-    groups: list[RootGroup] = []
-    for claim, attempted_claim in zip(proof.claims, attempt.claims, strict=True):
-        if not claim.needs_more_states:
-            continue
-        first_roots: set[int] = set()
-        second_roots: set[int] = set()
-        for function, root_signature, instruction in attempt.roots:
-            if root_signature not in attempted_claim.roots:
-                continue
-            if function == 0:
-                first_roots.add(instruction)
-            else:
-                second_roots.add(instruction)
-        group = (frozenset(first_roots), frozenset(second_roots))
-        if group not in groups:
-            groups.append(group)
-    return groups

@@ -21,17 +21,18 @@ from twin.proof import draws, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_number
 from twin.proof.drawing import Drawing
+from twin.proof.draws import RandomRange
 from twin.proof.exact_mechanism import ExactMechanism
 from twin.proof.values import Angle, Value
 
-SPREAD_LENGTH = 0.04
+_POSE_LENGTH_SPREAD = 0.04
 """Distance in m to both sides of a seed within which lengths of a pose are drawn, if there are no forward equations."""
 
-SPREAD_ANGLE = 0.3
-"""The same for angles, in rad."""
+_POSE_ANGLE_SPREAD = 0.3
+"""Angle in rad to both sides of a seed within which angles of a pose are drawn then."""
 
-SPREAD_PARAMETER = 0.05
-"""The same for a parameter that is an angle, around its published value."""
+_PARAMETER_SPREAD = 0.05
+"""Angle in rad to both sides of its published value within which a parameter is drawn."""
 
 _WIDEST_SLIDE = 1.0
 """Distance in m to both sides of 0 within which a sliding joint without limits is drawn."""
@@ -51,9 +52,9 @@ class ProofStates:
         formulas: whether parameters and state are variables of formulas.
         parameters: {parameter: its values}.
         state: {joint or coordinate: its values}.
-        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
-        drawn: parameters that are drawn.
-        inexact: parameters without an exact form.
+        ranges: {random number: its range}.
+        drawn_parameters: parameters with random values near the published ones.
+        inexact_parameters: parameters without an exact form.
     """
 
     formula: Formula
@@ -62,9 +63,9 @@ class ProofStates:
     formulas: bool
     parameters: dict[str, Value] = field(default_factory=dict)
     state: dict[str, Value] = field(default_factory=dict)
-    ranges: dict[str, tuple[bool, float, float]] = field(default_factory=dict)
-    drawn: list[str] = field(default_factory=list)
-    inexact: list[str] = field(default_factory=list)
+    ranges: dict[str, RandomRange] = field(default_factory=dict)
+    drawn_parameters: list[str] = field(default_factory=list)
+    inexact_parameters: list[str] = field(default_factory=list)
 
     @property
     def count(self) -> int:
@@ -78,7 +79,7 @@ class ProofStates:
         lengths = {}
         for parameter in self.formula.parameters:
             value = self.parameters[parameter.name]
-            if isinstance(value, Angle) and parameter.name in self.drawn:
+            if isinstance(value, Angle) and parameter.name in self.drawn_parameters:
                 angles[parameter.name] = value
             exact = exact_number(float(parameter.value))
             if parameter.unit in ("mm", "m") and exact is not None and exact.decimal:
@@ -86,19 +87,21 @@ class ProofStates:
         return ExactMechanism(self.robot, Drawing(self.count, angles, lengths, self.formulas))
 
     @cached_property
-    def real(self) -> dict[str, Array]:
+    def real_values(self) -> dict[str, Array]:
         """{random number: its real values (k,)}."""
         random_values = dict(self.state)
-        for name in self.drawn:
+        for name in self.drawn_parameters:
             random_values[name] = self.parameters[name]
         return {name: values.real_of(value) for name, value in random_values.items()}
 
     def at(self, places: NDArray[np.integer]) -> ProofStates:
         """Return some of the states, given by their places (m,)."""
-        return replace(self, parameters=_taken(self.parameters, places), state=_taken(self.state, places))
+        parameters = _values_at(self.parameters, places)
+        state = _values_at(self.state, places)
+        return replace(self, parameters=parameters, state=state)
 
 
-def _taken(named_values: Mapping[str, Value], places: NDArray[np.integer]) -> dict[str, Value]:
+def _values_at(named_values: Mapping[str, Value], places: NDArray[np.integer]) -> dict[str, Value]:
     """Return {name: value} at some of the states, given by their places (m,)."""
     return {name: values.taken(value, places) for name, value in named_values.items()}
 
@@ -115,7 +118,7 @@ def random_states(
     seed: int,
     drawn: Collection[str] = (),
     formulas: bool = False,
-    near: Mapping[str, Array] | None = None,
+    centres: Mapping[str, Array] | None = None,
 ) -> ProofStates:
     """Return random states of a robot.
 
@@ -126,17 +129,17 @@ def random_states(
         seed: of the random numbers.
         drawn: parameters, which are angles, that have random values; others have their published ones.
         formulas: whether parameters and state are variables of formulas.
-        near: {random number: values (k,) near which it is drawn}.
+        centres: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
     """
     generator = np.random.default_rng(seed)
     proof_states = ProofStates(formula, robot, states, formulas)
-    _set_parameters(proof_states, drawn, generator, near)
+    _set_parameters(proof_states, drawn, generator, centres)
     if formula.has("forward"):
         ranges = _joint_ranges(formula, robot)
     else:
         ranges = _coordinate_ranges(formula)
     proof_states.ranges.update(ranges)
-    proof_states.state.update(draws.named(generator, ranges, states, formulas, near))
+    proof_states.state.update(draws.named(generator, ranges, states, formulas, centres))
     return proof_states
 
 
@@ -144,7 +147,7 @@ def _set_parameters(
     proof_states: ProofStates,
     drawn: Collection[str],
     generator: np.random.Generator,
-    near: Mapping[str, Array] | None,
+    centres: Mapping[str, Array] | None,
 ) -> None:
     """Set the parameters to their published values, but those of `drawn`, which are angles, to random ones nearby."""
     states = proof_states.drawn_states
@@ -163,25 +166,25 @@ def _set_parameters(
                 number = replace(number, form=forms.variable(name), constant=None)
             proof_states.parameters[name] = number
             if exact_number(value) is None:
-                proof_states.inexact.append(name)
+                proof_states.inexact_parameters.append(name)
         elif name in drawn:
-            low = value - SPREAD_PARAMETER
-            high = value + SPREAD_PARAMETER
-            proof_states.ranges[name] = (True, low, high)
-            near_values = None
-            if near is not None:
-                near_values = near[name]
-            angle = draws.turn(generator, low, high, states, name, near=near_values)
+            low = value - _PARAMETER_SPREAD
+            high = value + _PARAMETER_SPREAD
+            proof_states.ranges[name] = RandomRange(True, low, high)
+            centres_of_angle = None
+            if centres is not None:
+                centres_of_angle = centres[name]
+            angle = draws.turn(generator, low, high, states, name, centres=centres_of_angle)
             proof_states.parameters[name] = replace(angle, published=value)
-            proof_states.drawn.append(name)
+            proof_states.drawn_parameters.append(name)
         else:
             angle = draws.fixed_angle(value, states)
             proof_states.parameters[name] = angle
             if not (angle.cosine.known.all() and angle.sine.known.all()):
-                proof_states.inexact.append(name)
+                proof_states.inexact_parameters.append(name)
 
 
-def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, tuple[bool, float, float]]:
+def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, RandomRange]:
     """Return the limits of the active joints of the equations."""
     ranges = {}
     for joint in formula.joints:
@@ -195,17 +198,17 @@ def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, tuple[bool, f
         if not math.isfinite(low) or not math.isfinite(high):
             low = max(low, -widest)
             high = min(high, widest)
-        ranges[joint.name] = (joint.kind == "revolute", low, high)
+        ranges[joint.name] = RandomRange(joint.kind == "revolute", low, high)
     return ranges
 
 
-def _coordinate_ranges(formula: Formula) -> dict[str, tuple[bool, float, float]]:
+def _coordinate_ranges(formula: Formula) -> dict[str, RandomRange]:
     """Return ranges of the coordinates around the first seed."""
     ranges = {}
     for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, formula.seeds[0], strict=True):
         is_angle = unit == "rad"
-        spread = SPREAD_LENGTH
+        spread = _POSE_LENGTH_SPREAD
         if is_angle:
-            spread = SPREAD_ANGLE
-        ranges[name] = (is_angle, value - spread, value + spread)
+            spread = _POSE_ANGLE_SPREAD
+        ranges[name] = RandomRange(is_angle, value - spread, value + spread)
     return ranges

@@ -7,7 +7,9 @@ from collections.abc import Collection, Iterator, Mapping
 from decimal import Decimal
 from fractions import Fraction
 
-from twin.proof.claims import ROUNDING, JudgedClaim
+from twin.proof.claim_evidence import ROUNDING
+from twin.proof.claims import JudgedClaim
+from twin.proof.draws import RandomRange
 from twin.proof.precise import StateOfFractions, numbers_at
 
 _DENOMINATORS = (10, 100, 1000, 10_000, 1_000_000)
@@ -15,7 +17,7 @@ _DENOMINATORS = (10, 100, 1000, 10_000, 1_000_000)
 
 
 def rational_witness(
-    claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]], parameters: Collection[str] = ()
+    claim: JudgedClaim, ranges: Mapping[str, RandomRange], parameters: Collection[str] = ()
 ) -> dict[str, str]:
     """Return a state of fractions near the witness of a refuted claim, where it is wrong too; empty if none is found.
 
@@ -25,7 +27,7 @@ def rational_witness(
 
     Args:
         claim: a refuted claim with the operations of its numbers; without them, the result is empty.
-        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
+        ranges: {random number: its range}.
         parameters: numbers whose fractions are always the nearest ones.
     """
     if not claim.nodes or not ranges.keys() >= claim.witness.keys():
@@ -34,16 +36,15 @@ def rational_witness(
         if _is_inside(claim, state, ranges) and _is_wrong(claim, state):
             texts = {}
             for name, value in state.items():
-                is_angle, _, _ = ranges[name]
-                texts[name] = _text(value, is_angle)
+                texts[name] = _text(value, ranges[name].is_angle)
             return texts
     return {}
 
 
-def _is_inside(claim: JudgedClaim, state: StateOfFractions, ranges: Mapping[str, tuple[bool, float, float]]) -> bool:
+def _is_inside(claim: JudgedClaim, state: StateOfFractions, ranges: Mapping[str, RandomRange]) -> bool:
     """Return whether all numbers of a state are in their ranges, and no margin of the equations can be negative."""
     for name, value in state.items():
-        if not _in_range(value, claim.witness[name], *ranges[name]):
+        if not _in_range(value, claim.witness[name], ranges[name]):
             return False
     for margin in numbers_at(claim.reach, state):
         # Only a margin of at least its error bound is certain: a state that the loops cannot reach refutes nothing.
@@ -63,15 +64,14 @@ def _is_wrong(claim: JudgedClaim, state: StateOfFractions) -> bool:
 
 
 def _states(
-    claim: JudgedClaim, ranges: Mapping[str, tuple[bool, float, float]], parameters: Collection[str]
+    claim: JudgedClaim, ranges: Mapping[str, RandomRange], parameters: Collection[str]
 ) -> Iterator[StateOfFractions]:
     """Yield states of fractions near the witness, the simplest ones first."""
     for denominator in _DENOMINATORS:
         state = {}
         for name, value in claim.witness.items():
-            is_angle, _, _ = ranges[name]
             number = value
-            if is_angle:
+            if ranges[name].is_angle:
                 # Half of the remainder is within a quarter turn, where each tangent belongs to one angle only.
                 number = math.tan(math.remainder(value, math.tau) / 2)
             largest = denominator
@@ -81,14 +81,14 @@ def _states(
         yield state
 
 
-def _in_range(value: Fraction, witness_value: float, is_angle: bool, low: float, high: float) -> bool:
+def _in_range(value: Fraction, witness_value: float, limits: RandomRange) -> bool:
     """Return whether a length, or the angle next to `witness_value` with this tangent of its half, is in its range."""
-    if not is_angle:
-        return low <= value <= high
+    if not limits.is_angle:
+        return limits.low <= value <= limits.high
     # Of the angles with this tangent, one turn apart, that next to the witness counts: a range may exceed a half
     # turn.
     difference = math.remainder(2 * math.atan(value) - witness_value, math.tau)
-    return low <= witness_value + difference <= high
+    return limits.low <= witness_value + difference <= limits.high
 
 
 def _text(value: Fraction, is_angle: bool) -> str:

@@ -17,6 +17,7 @@ from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import mechanism_reach
 from twin.proof.claims import JudgedClaim, unclaimed
+from twin.proof.draws import RandomRange
 from twin.proof.equation_conditions import EquationConditions
 from twin.proof.formula_side import POSE_ENTRIES
 
@@ -69,7 +70,7 @@ def refused_states(
     formula: Formula,
     variants: Mapping[str, str],
     robot: Mechanism,
-    ranges: Mapping[str, tuple[bool, float, float]],
+    ranges: Mapping[str, RandomRange],
     found: Mapping[str, Array],
     seed: int,
 ) -> RefusedStates | None:
@@ -79,7 +80,7 @@ def refused_states(
         formula: the equations.
         variants: the chosen variant of each equation.
         robot: the mechanism.
-        ranges: {random number: (whether it is an angle, low, high)}; those of parameters do not count.
+        ranges: {random number: its range}; those of parameters do not count.
         found: {random number: values (j,)} at states at which a search found that a condition leaves no value.
         seed: of the random numbers.
     """
@@ -87,8 +88,7 @@ def refused_states(
     limits = []
     searched = []
     for name in conditions.names:
-        _, low, high = ranges[name]
-        limits.append([low, high])
+        limits.append([ranges[name].low, ranges[name].high])
         searched.append(found[name])
     bounds = np.array(limits)
     # a stream of random numbers of its own: the states are others than those of the claims

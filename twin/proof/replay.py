@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.proof import values
+from twin.proof.degree import ALIKE, RootSignature, Truths
 from twin.proof.instructions import OPERATION_NAMES, Instruction, instructions
-from twin.proof.values import Angle, DrawnCondition, RootSignature, Truths, Value
+from twin.proof.values import Angle, DrawnCondition, Value
 
 
 def _with_sign_of(a: Value, b: Value) -> Value:
@@ -246,4 +247,4 @@ def _is_constant(value: Value) -> bool:
     """Return whether a value is the same at all states where it is known."""
     number = values.scalar(value)
     residues = number.residue[number.known]
-    return len(residues) >= values.ALIKE and bool((residues == residues[0]).all())
+    return len(residues) >= ALIKE and bool((residues == residues[0]).all())

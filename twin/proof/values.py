@@ -7,12 +7,10 @@ the logarithm of a length, keeps its real value and is unknown in the field.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import count
 from typing import Literal
-from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,99 +21,10 @@ from twin.proof import form as forms
 from twin.proof import program
 from twin.proof.constants import ExactNumber, decimal, exact_angle, exact_number
 from twin.proof.constants import exact as exact_of
+from twin.proof.degree import Degree, Truths, signature_of
 from twin.proof.field import Residues
 from twin.proof.form import Form
 from twin.proof.program import ProgramStep
-
-Truths = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class RootSignature:
-    """A root, by the residues (k,) of its argument and whether they are known (k,)."""
-
-    residue: Residues
-    known: Truths
-
-    def fits(self, argument: ExactValue) -> bool:
-        """Return whether an argument equals that of the root at `ALIKE` states at least, and at all that are known."""
-        if len(argument.residue) != len(self.residue):
-            return False
-        known = argument.known & self.known
-        is_equal = (argument.residue == self.residue)[known]
-        return len(is_equal) >= ALIKE and bool(is_equal.all())
-
-
-ALIKE = 4
-"""Number of states at which arguments of roots are equal, each by chance with odds of 1e-9 at most."""
-
-_signatures: WeakValueDictionary[int, RootSignature] = WeakValueDictionary()
-"""The roots of the values that exist, by numbers that grow."""
-
-
-@dataclass(frozen=True)
-class Degree:
-    """A bound of the degree of an algebraic function of the random numbers.
-
-    Attributes:
-        numerator: degree of the numerator; a root counts half of the degree of its argument.
-        factors: {factor of the denominator: (its degree, its exponent)}.
-        roots: the roots in the function; each doubles the number of states where the function can be zero.
-    """
-
-    numerator: int = 0
-    factors: Mapping[int, tuple[int, int]] = field(default_factory=dict)
-    roots: frozenset[RootSignature] = frozenset()
-
-    @property
-    def denominator(self) -> int:
-        """Degree of the denominator."""
-        return sum(degree * exponent for degree, exponent in self.factors.values())
-
-    def __add__(self, other: Degree) -> Degree:
-        """Return the degree of a sum, over the least common denominator."""
-        factors = dict(self.factors)
-        for factor, (degree, exponent) in other.factors.items():
-            _, own_exponent = factors.get(factor, (degree, 0))
-            factors[factor] = (degree, max(own_exponent, exponent))
-        common = Degree(0, factors).denominator
-        first = self.numerator + common - self.denominator
-        second = other.numerator + common - other.denominator
-        return Degree(max(first, second), factors, self.roots | other.roots)
-
-    def __mul__(self, other: Degree) -> Degree:
-        """Return the degree of a product."""
-        factors = dict(self.factors)
-        for factor, (degree, exponent) in other.factors.items():
-            _, own_exponent = factors.get(factor, (degree, 0))
-            factors[factor] = (degree, own_exponent + exponent)
-        return Degree(self.numerator + other.numerator, factors, self.roots | other.roots)
-
-    def inverse(self) -> Degree:
-        """Return the degree of the reciprocal value; the numerator becomes a new factor."""
-        factors = {}
-        if self.numerator:
-            factors[next(_identifiers)] = (self.numerator, 1)
-        return Degree(self.denominator, factors, self.roots)
-
-    def root(self, signature: RootSignature) -> Degree:
-        """Return the degree of the root of the function; its signature distinguishes it from other roots."""
-        half = -(-(self.numerator + self.denominator) // 2)
-        return Degree(half, self.factors, self.roots | {signature})
-
-    def either(self, other: Degree) -> Degree:
-        """Return a degree that holds for both functions."""
-        total = self + other
-        return Degree(max(self.numerator, other.numerator, total.numerator), total.factors, total.roots)
-
-    @property
-    def zeros(self) -> int:
-        """Bound of the share of states where the function is zero by chance, multiplied by the count of fractions."""
-        return max(self.numerator, 1) << len(self.roots)
-
-
-_identifiers = count()
-"""Identifiers of roots and of factors of denominators, each used once."""
 
 
 @dataclass(frozen=True)
@@ -367,18 +276,7 @@ def root(a: Value) -> ExactValue:
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
-    return ExactValue(residue, known, real, number.degree.root(_signature_of(number)), node=node)
-
-
-def _signature_of(argument: ExactValue) -> RootSignature:
-    """Return the signature of a root; arguments that are equal at all states where both are known have one root."""
-    for identifier in sorted(_signatures):  # in the order in which they were made: the same seed gives the same proof
-        signature = _signatures.get(identifier)
-        if signature is not None and signature.fits(argument):
-            return signature
-    signature = RootSignature(argument.residue, argument.known)
-    _signatures[next(_identifiers)] = signature
-    return signature
+    return ExactValue(residue, known, real, number.degree.root(signature_of(number.residue, number.known)), node=node)
 
 
 def power(a: Value, exponent: Value) -> Value:
