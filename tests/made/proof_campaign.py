@@ -48,7 +48,9 @@ class Judge:
         assert not self.right.count("refuted")
         assert not self.prover.refuted(self.variants, MANY)
         self.proved = {claim.name for claim in self.right.claims if claim.status == "proved"}
-        self.ranges = {key: limits for key, limits in self.right.ranges.items() if key not in self.right.arbitrary_parameters}
+        self.ranges = {
+            key: limits for key, limits in self.right.ranges.items() if key not in self.right.arbitrary_parameters
+        }
         self.oracle = mutants.Oracle(robot, self.ranges, self.right.uncovered_points)
         error, missing = self.oracle.wrong()
         assert error < WRONG

@@ -22,8 +22,11 @@ from made import proof_mutants
 from made.lanes import robots
 from twin.cli import main
 from twin.core.errors import TwinError
+from twin.core.provenance import Parameter
+from twin.core.units import DEG
 from twin.formula import equation_values, variant_choice
 from twin.kinematics.compile import compile_formula
+from twin.proof import prove as prover
 from twin.proof.claims import judged
 from twin.proof.degree import Degree, RootSignature
 from twin.proof.fit_conditions import is_judged_by_others
@@ -309,15 +312,43 @@ def test_a_parameter_that_is_no_number_is_refused(unit):
         prove(formula, variant_choice.choose(formula, None), robot.mechanism, 64)
 
 
-def with_forward(formula, change):
-    """Return the formula whose forward equation's pose is changed by `change(T, q1)`."""
+@pytest.mark.slow
+def test_all_states_are_judged_where_an_angle_without_an_exact_form_must_keep_its_value(monkeypatch):
+    """The first attempt has fewer states, because it proves nothing: it is not the last one, either."""
+    monkeypatch.setattr(prover, "STATES", 64)
+    tilt = Parameter("tilt", 52 * DEG, "deg", 52.0, "ASSUMED", "for this test")
+    robot = twin.load("pa10")
+
+    def shifted(T, q1, tilt):
+        T = ca.SX(T)
+        T[0, 3] += tilt - 52 * DEG
+        return T
+
+    formula = with_forward(
+        replace(robot.formula, parameters=(*robot.formula.parameters, tilt)), shifted, ("q1", "tilt")
+    )
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 96)
+    assert "tilt" in proof.published_angles
+    assert not proof.arbitrary_parameters
+    assert proof.states == 96
+
+
+def with_forward(formula, change, names=("q1",)):
+    """Return the formula whose forward equation's pose is changed by `change(T, *symbols of names)`."""
     (forward,) = [equation for equation in formula.equations if equation.stage == "forward"]
     function = forward.variants[forward.default]
 
     @wraps(function)
     def changed(**symbols):
-        return change(function(**symbols), symbols["q1"])
+        own_symbols = {name: value for name, value in symbols.items() if name in own_names}
+        return change(function(**own_symbols), *(symbols[name] for name in names))
 
+    signature = inspect.signature(function)
+    own_names = set(signature.parameters)
+    added = [
+        inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in names if name not in own_names
+    ]
+    changed.__signature__ = signature.replace(parameters=[*signature.parameters.values(), *added])
     equation = replace(forward, variants={forward.default: changed})
     equations = tuple(equation if e is forward else e for e in formula.equations)
     return replace(formula, equations=equations)

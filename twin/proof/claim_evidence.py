@@ -122,11 +122,11 @@ class ClaimEvidence:
             return f"the odds of chance are not below 1e{_LARGEST_LOG10_ODDS:.0f}; draw more states"
         if self.exact_zeros >= ENOUGH:
             chance = min(1.0, self.degree / STEPS)
+            zeros = f"{self.exact_zeros} of {self.exact_states} exact values are zero"
             return (
-                f"{self.exact_zeros} of {self.exact_states} exact values are zero, but the odds of chance have no "
-                f"bound: with {self.root_count} roots, each of which doubles it, the probability of a zero by chance is only "
-                f"known to be below {chance:.2g}, and all roots exist at {self.exact_states} of {self.drawn_states} "
-                "drawn states"
+                f"{zeros}, but the odds of chance have no bound: with {self.root_count} roots, each of which doubles "
+                f"it, the probability of a zero by chance is only known to be below {chance:.2g}, and all roots exist "
+                f"at {self.exact_states} of {self.drawn_states} drawn states"
             )
         if not self.exact_states and reasons:
             return "no exact form: " + ", ".join(reasons)

@@ -31,10 +31,12 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
 
     Returns:
         a proof that states arbitrary values of the parameters; it states the published values alone if a claim is only
-        proved for these, or if no claim is proved for arbitrary ones.
+        proved for these, or if no claim is proved for arbitrary ones. Its number of states is that of the attempt from
+        which a claim is taken, the smaller one if claims are taken from both.
     """
     claims = []
     is_special = False  # whether a claim is only proved for the published parameters
+    states = general.states
     for claim, general_claim in zip(published.claims, general.claims, strict=True):
         chosen_claim = claim
         if general_claim.status == "proved":
@@ -42,13 +44,16 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
         elif general_claim.status == claim.status == "unproved" and general_claim.exact_zeros >= claim.exact_zeros:
             # both are open: the one with more evidence says more about what is missing
             chosen_claim = general_claim
+        if chosen_claim is claim:
+            states = min(states, published.states)
         claims.append(chosen_claim)
         is_special |= chosen_claim.status == "proved" and general_claim.status != "proved"
     if is_special or not general.count("proved"):
-        return replace(published, claims=tuple(claims))
+        return replace(published, claims=tuple(claims), states=states)
     return replace(
         published,
         claims=tuple(claims),
+        states=states,
         arbitrary_parameters=general.arbitrary_parameters,
         published_angles=general.published_angles,
         ranges=general.ranges,

@@ -308,10 +308,20 @@ class _ProofRun:
             if trial.within_reach > 0 and not trial.count("refuted"):
                 self.arbitrary_angles += group
         if not self.arbitrary_angles:
-            return published
+            return self._at_all_states(published)
         self.progress("all of these values", (1 + len(groups)) / steps)
         general = self._attempt(self.arbitrary_angles, self.count)
         return replace(general, proof=combined_proof.for_all_parameters(published.proof, general.proof))
+
+    def _at_all_states(self, published: _JudgedAttempt) -> _JudgedAttempt:
+        """Return the attempt with the published parameters, at all states that were asked for.
+
+        The first attempt may have had fewer; see `_with_published_parameters`.
+        """
+        if published.proof.states == self.count:
+            return published
+        judged = self._attempt((), self.count)
+        return replace(judged, proof=replace(judged.proof, near_numbers=published.proof.near_numbers))
 
     def _refused_states(self, proof: Proof, report: BranchReport) -> RefusedStates | None:
         """Return what the mechanism says of states that the equations refuse; None without any, or if it is unknown."""
