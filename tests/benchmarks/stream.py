@@ -31,7 +31,7 @@ from websockets.asyncio.client import connect
 
 import twin
 from twin.ui.headset.stream_frames import RobotFrame, sevens, unpack
-from twin.ui.session.timeline import RATE, prepare
+from twin.ui.session.timeline import TICK_RATE, prepare
 
 BAR_MS = 50.0
 
@@ -206,7 +206,7 @@ def judge(title: str, got: list[list[tuple[float, bytes]]], truth, seconds: floa
             torn += not checked.get(f.seq, True)
     ages_ms = 1e3 * np.array(ages)
     p50, p95, p99 = np.percentile(ages_ms, [50, 95, 99])
-    left = max(0, round(seconds * RATE) - most)
+    left = max(0, round(seconds * TICK_RATE) - most)
     print(f"{title}: {len(got)} clients, {len(ages)} frames, {most / seconds:.1f} Hz")
     print(f"  age p50 {p50:.2f} ms, p95 {p95:.2f} ms, p99 {p99:.2f} ms, worst {ages_ms.max():.1f} ms")
     shown = f"torn {torn} of {len(ages)}" if truth is not None else "torn: not checked (no protocol plays)"

@@ -18,7 +18,7 @@ from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
 from twin.simulation import tissue_scene
 from twin.simulation.plants.tissue import Organs, Tool
-from twin.ui.headset.scene_frame import LEVELS
+from twin.ui.headset.scene_frame import QUANTISATION_STEPS
 
 ROOT = Path(__file__).parents[2]
 
@@ -94,7 +94,10 @@ def torn(frame):
     """Return whether a frame mixes vertices of several times: no node positions of the organ's grid give them."""
     for tissue, v in zip(abdomen(), frame.fields, strict=True):
         off = tissue.weights @ (_back(tissue.name) @ v) - v
-        if v.shape != tissue.surface.vertices.shape or np.abs(off).max() > 2 * np.ptp(v, axis=0).max() / LEVELS:
+        if (
+            v.shape != tissue.surface.vertices.shape
+            or np.abs(off).max() > 2 * np.ptp(v, axis=0).max() / QUANTISATION_STEPS
+        ):
             return True
     return False
 

@@ -18,7 +18,7 @@ from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.mechanism import Mechanism
 from twin.reference.clearance import Shape, distance_between
-from twin.ui.session.movable_robot import ENDOSCOPE, MovableRobot
+from twin.ui.session.movable_robot import ENDOSCOPE_FRAME, MovableRobot
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
 
 SAMPLES = 16
@@ -190,8 +190,8 @@ def test_the_endoscope_sees_the_inside(played):
     np.testing.assert_allclose(np.dot(ahead - eye, above - eye), 0, atol=1e-12)
     assert any(inside(parts[n], eye[None])[0] for n in played.patient.opens)
     assert not any(inside(parts[n], eye[None])[0] for n in parts.keys() - played.patient.opens)
-    if any(f.name == ENDOSCOPE for f in played.mechanism.frames):
-        frame = played.mechanism.frame(ENDOSCOPE)
+    if any(f.name == ENDOSCOPE_FRAME for f in played.mechanism.frames):
+        frame = played.mechanism.frame(ENDOSCOPE_FRAME)
         T = poses[frame.body] @ frame.T_body_frame
         np.testing.assert_allclose(eye, T[:3, 3])
         np.testing.assert_allclose((ahead - eye) / np.linalg.norm(ahead - eye), T[:3, 2], atol=1e-12)

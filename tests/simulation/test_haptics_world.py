@@ -31,7 +31,7 @@ from twin.simulation.world import Block, World
 from twin.ui.headset.client_messages import HapticsMessage
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 FLOOR = 895 * MM  # of the board, as drawn
 
@@ -293,7 +293,7 @@ def test_a_pulse_between_two_samples_is_measured():
 
 @pytest.mark.slow
 def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._STEPPING_TIME", np.inf)
     condition = randomised(7, 1)
     path = tmp_path / "hands.session"
     stream, sent = ConsoleStream(theatre, Exercise(session=path, condition=condition)), []
@@ -303,7 +303,7 @@ def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path,
     for k in range(75):
         if k == 60:
             stream.ask("c1", HapticsMessage(type="haptics", on=not stream.reading["haptics"]))
-        s = k / RATE
+        s = k / TICK_RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             way = 2 * ramp(s, 24 * MM * down)
             pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), [way[0] + x, *way[1:]])

@@ -34,7 +34,7 @@ from twin.simulation.tasks.target.play import ScriptedSurgeon
 from twin.simulation.world import Signals
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 
 @pytest.fixture(scope="module")
@@ -431,8 +431,8 @@ def test_a_session_of_a_world_with_other_signals_is_refused(recorded, setup):
 
 def guide(stream, seconds, begin=0):
     """Both hands show that somebody is there, then move for some seconds; the clutch is pressed once."""
-    for k in range(begin, begin + round(seconds * RATE)):
-        s = k / RATE
+    for k in range(begin, begin + round(seconds * TICK_RATE)):
+        s = k / TICK_RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), (x + 0.01 * np.sin(3 * s), 0.01 * s, 0))
             stream.device.give(HandState(hand, 0.6 < s < 0.7, False, k + 1, pose, 0.3 * np.sin(5 * s) ** 2))
@@ -444,7 +444,7 @@ def person(theatre, tmp_path_factory):
     """The file of a session of a person, through what `twin serve` runs."""
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
+        patch.setattr("twin.ui.session.live_console._STEPPING_TIME", np.inf)
         stream = ConsoleStream(theatre, Exercise(session=path))
         stream.frame(0, 0.0)
         guide(stream, 1.1)
@@ -469,7 +469,7 @@ def test_the_hands_of_a_person_replay_in_another_process(person):
 
 
 def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._STEPPING_TIME", np.inf)
     monkeypatch.setattr(session_file, "CHUNK", 200)
     path = tmp_path / "hands.session"
     stream = ConsoleStream(bare_theatre, Exercise(session=path))
@@ -491,7 +491,7 @@ def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatc
 
 
 def test_a_session_ends_at_its_maximum(tmp_path, bare_theatre, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._STEPPING_TIME", np.inf)
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
     stream = ConsoleStream(bare_theatre, Exercise(session=tmp_path / "a.session"))
     stream.frame(0, 0.0)

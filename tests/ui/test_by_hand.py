@@ -26,7 +26,7 @@ from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ class Client:
             message = {"type": "hands", "number": self.number, **hand, "clutch": False, "camera": False}
             self.op.ask("c1", HandsMessage.model_validate(message, strict=False))
             self.number += 1
-            self.frame = self.op.frame(self.tick, self.tick / RATE) or self.frame
+            self.frame = self.op.frame(self.tick, self.tick / TICK_RATE) or self.frame
             self.tick += 1
 
     def begin(self):
@@ -202,7 +202,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
 @pytest.mark.nightly
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
-    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._STEPPING_TIME", np.inf)
     op = ConsoleStream(scenes.with_organs(LoadedScene(scene, robots)))
     feed = op.feed
     client = Client(op)

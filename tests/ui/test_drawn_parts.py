@@ -12,10 +12,10 @@ import twin
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.units import MM
-from twin.ui.session.drawn_parts import FILE, drawn_parts, hanging, person, read_drawn
-from twin.ui.session.drawn_solids import SolidTable, check_solid, placed
+from twin.ui.session.drawn_parts import SCENERY_FILE, drawn_parts, hanging, person, read_drawn
+from twin.ui.session.drawn_solids import SolidTable, check_solid, placed_surface
 
-FILES = sorted((assets.data_folder() / "cad").glob(f"*/{FILE}"))
+FILES = sorted((assets.data_folder() / "cad").glob(f"*/{SCENERY_FILE}"))
 
 
 def solid(**more):
@@ -38,7 +38,7 @@ SOLIDS = {
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_a_solid_is_closed_and_has_the_volume_of_its_shape(shape):
     table, volume = SOLIDS[shape]
-    points, triangles = placed(table)
+    points, triangles = placed_surface(table)
     a, b, c = (points[triangles[:, k]] for k in range(3))
     found = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6 / MM**3
     # facets are inside the round shape; a negative volume would be a surface that is seen from inside
@@ -50,7 +50,7 @@ def test_a_solid_is_closed_and_has_the_volume_of_its_shape(shape):
 
 @pytest.mark.parametrize("shape", ["bed", "drape"])
 def test_a_cloth_and_a_bed_stay_in_their_size(shape):
-    points, triangles = placed(solid(shape=shape, size_mm=(400, 600, 100), centre_mm=(0, 0, 7)))
+    points, triangles = placed_surface(solid(shape=shape, size_mm=(400, 600, 100), centre_mm=(0, 0, 7)))
     low = points.min(axis=0) / MM
     high = points.max(axis=0) / MM
     assert low[2] >= 7 - 1e-9
@@ -142,14 +142,14 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_scenery_file_says_where(what, tmp_path):
     text, message = WRONG[what]
-    file = tmp_path / FILE
+    file = tmp_path / SCENERY_FILE
     file.write_text(f'title = "t"\nprovenance = "ASSUMED"\nnote = "n"\n\n{text}\n', "utf-8")
     with pytest.raises(TwinError, match=rf"scenery\.toml:[0-9]+: .*{message}"):
         read_drawn(file, ["arm"])
 
 
 def test_a_solid_with_the_lengths_of_another_shape_is_refused(tmp_path):
-    file = tmp_path / FILE
+    file = tmp_path / SCENERY_FILE
     file.write_text("a = 1\n", "utf-8")
     table = solid(shape="box", size_mm=(1, 1, 1), centre_mm=(0, 0, 0), width_mm=[1.0])
     with pytest.raises(TwinError, match="a box has no line_mm"):

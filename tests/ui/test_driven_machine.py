@@ -22,7 +22,7 @@ from twin.ui.headset.client_messages import DragMessage, GrabMessage, ReleaseMes
 from twin.ui.headset.live_robot import LiveRobot
 from twin.ui.headset.live_scene import LiveScene
 from twin.ui.session.driven_machine import DrivenMachine
-from twin.ui.session.timeline import RATE, Clock
+from twin.ui.session.timeline import TICK_RATE, Clock
 
 pytestmark = pytest.mark.slow
 
@@ -57,8 +57,8 @@ class Page:
             if act is not None:
                 act()
             now = time.monotonic()
-            self.live.frame((now - self.begun) * RATE, now)
-            await asyncio.sleep(1 / RATE)
+            self.live.frame((now - self.begun) * TICK_RATE, now)
+            await asyncio.sleep(1 / TICK_RATE)
 
     @property
     def level(self):
@@ -255,7 +255,7 @@ def test_a_machine_follows_only_a_drag():
         goal = page.movable.model.solve(page.movable.assembly.q, page.movable.assembly).T_base_tool
 
         def follows():
-            page.drive(1 / RATE)
+            page.drive(1 / TICK_RATE)
             return machine.goals[-1] is not None
 
         try:

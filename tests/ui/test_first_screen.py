@@ -18,7 +18,7 @@ from made import reports
 from twin.cli.fix_search import FixSearch
 from twin.ui.report import render_html
 from twin.ui.report.first_screen import answers
-from twin.ui.report.robot_picture import MOST_TRIANGLES, picture_of
+from twin.ui.report.robot_picture import MAX_TRIANGLES, picture_of
 
 ROOT = Path(__file__).parents[2]
 CSS = (ROOT / "twin/ui/report/report.css").read_text("utf-8")
@@ -101,7 +101,7 @@ def test_the_picture_shows_the_mechanism_where_it_is():
     report = replace(reports.make_report("agree", 50), protocol=robot.source.description.default_protocol)
     picture = picture_of(robot, report)
     assert picture is not None
-    assert len(picture.triangles) <= MOST_TRIANGLES
+    assert len(picture.triangles) <= MAX_TRIANGLES
     data = json.loads(picture.data)
     stored = np.frombuffer(base64.b64decode(data["vertices"]), "<i2").reshape(-1, 3)
     got = np.array(data["low"]) + data["step"] * stored

@@ -18,10 +18,10 @@ from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
-from twin.ui.headset.packet_socket import UDP
+from twin.ui.headset.packet_socket import UDP_OWNER
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.forms import QuestionnaireForms
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 from twin.validation.rank_tests import compare
 
 
@@ -160,7 +160,7 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
     try:
         pen.send(pack(0, 1, np.eye(4), 0.0, False))
         for tick in range(3):
-            console.frame(float(tick), tick / RATE)
+            console.frame(float(tick), tick / TICK_RATE)
         assert console.owner is None
         (refusal,) = [document["message"] for document in said if document["type"] == "error"]
         assert "a questionnaire, which is due on the page, controls the hands" in refusal
@@ -176,8 +176,8 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
             console.ask("c2", parse_message(json.dumps(form)))
         pen.send(pack(0, 2, np.eye(4), 0.0, False))
         console.release("c1")
-        console.frame(3.0, 3 / RATE)
-        assert console.owner == UDP
+        console.frame(3.0, 3 / TICK_RATE)
+        assert console.owner == UDP_OWNER
     finally:
         pen.close()
         console.close()

@@ -38,7 +38,7 @@ from twin.ui.headset.client_messages import (
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import pack_scene, unpack_scene
 from twin.ui.session import live_console
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 SIDES = ("right", "left")
 
@@ -69,7 +69,7 @@ class Hands:
 
     def wait(self, seconds, speaks=True):
         """Let time pass, saying where the hands are; return the last frame."""
-        for _ in range(round(seconds * RATE)):
+        for _ in range(round(seconds * TICK_RATE)):
             if speaks:
                 self.say()
             self.tick += 1
@@ -85,10 +85,10 @@ class Hands:
         return self
 
     def move(self, side, way, seconds=0.4):
-        steps = round(seconds * RATE)
+        steps = round(seconds * TICK_RATE)
         for _ in range(steps):
             self.p[side] = self.p[side] + np.array(way) / steps
-            self.wait(1 / RATE)
+            self.wait(1 / TICK_RATE)
         self.wait(0.2)
 
     def state(self):
@@ -106,7 +106,7 @@ class Hands:
 
 @pytest.fixture
 def hands(bare_theatre, monkeypatch):
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)  # a busy machine does not make the World late
     op = ConsoleStream(bare_theatre)
     op.frame(0, 0.0)
     return Hands(op)
@@ -365,8 +365,8 @@ def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
 def test_what_hands_change_is_sent_before_the_next_tick(bare_theatre, monkeypatch):
     """With ticks that are 1000 s apart, only messages of the hands bring frames."""
     for module in (server, console_stream):
-        monkeypatch.setattr(module, "RATE", 0.001)
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)
+        monkeypatch.setattr(module, "TICK_RATE", 0.001)
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)
 
     async def go():
         async with serving(lambda: served_content.of_console(bare_theatre)) as s, joined(s.port) as peer:
@@ -452,7 +452,7 @@ def test_a_camera_beside_its_remote_centre_is_refused():
 class Slow:
     """A source whose frames take 30 ms, as on a slow machine; it notes the numbers of the hands."""
 
-    replays, version, frames = False, wire.VERSION, 0
+    replays, version, frames = False, wire.SCENE_VERSION, 0
 
     def __init__(self):
         self.heard, self.send = [], lambda document: None

@@ -26,7 +26,7 @@ from twin.ui.headset import packet_socket, served_content
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session import console_state, live_console
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 WORLD = console_scene.world
 ARMS = {"right": "psm1", "left": "psm2"}
@@ -41,11 +41,11 @@ class Running:
         op.listen("127.0.0.1", 0)
         op.frame(0, 0.0)
         self.pens = Pens(op.packets.socket.port)
-        self.wait(1 / RATE, sends=False)  # the first ticks round the joints
+        self.wait(1 / TICK_RATE, sends=False)  # the first ticks round the joints
 
     def wait(self, seconds, sends=True):
         """Let time pass; the pens send a packet each for every tick of the World."""
-        for _ in range(round(seconds * RATE)):
+        for _ in range(round(seconds * TICK_RATE)):
             for _ in range(16 if sends else 0):
                 self.pens.send()
             self.tick += 1
@@ -58,10 +58,10 @@ class Running:
         return self.wait(0.1)
 
     def move(self, side, way, seconds=0.4):
-        steps = round(seconds * RATE)
+        steps = round(seconds * TICK_RATE)
         for _ in range(steps):
             self.pens.p[side] = self.pens.p[side] + np.array(way) / steps
-            self.wait(1 / RATE)
+            self.wait(1 / TICK_RATE)
         return self.wait(0.2)
 
     @property
@@ -77,7 +77,7 @@ class Running:
 
 @pytest.fixture
 def running(bare_theatre, monkeypatch):
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)  # a busy machine does not make the World late
     found = Running(ConsoleStream(bare_theatre))
     yield found
     found.op.close()
@@ -129,7 +129,7 @@ def test_the_hands_have_one_owner_at_a_time(running):
     q = running.q()
     for k in range(12):
         running.op.ask(*page(number=k))
-        running.wait(1 / RATE, sends=k > 2)
+        running.wait(1 / TICK_RATE, sends=k > 2)
     assert running.state["owner"] == "c1"
     assert running.messages() == [
         f"packets from {running.pens.name} are ignored: c1 controls the hands; release them there"
@@ -149,7 +149,7 @@ def test_the_hands_have_one_owner_at_a_time(running):
 
 @pytest.mark.slow
 def test_silence_stops_everything_and_hands_take_hold_anew(running, monkeypatch, caplog):
-    monkeypatch.setattr(packet_socket, "_SILENT", 1.0)
+    monkeypatch.setattr(packet_socket, "_SILENCE_TIMEOUT", 1.0)
     running.start().move("right", (0.01, 0, 0))
     with caplog.at_level(logging.WARNING):
         running.wait(0.4, sends=False)
@@ -170,7 +170,7 @@ def test_one_hand_alone_moves_nothing(running):
         running.pens.p["right"][0] += 1e-3
         running.pens.R["right"] = spatial.rotation_z(0.02 * k)
         running.pens.send(running.pens.packets()[0])
-        running.wait(1 / RATE, sends=False)
+        running.wait(1 / TICK_RATE, sends=False)
     assert np.array_equal(running.q(), q)
     assert running.state["silent"]
     assert running.state["packets"]["from"] == {"right": running.pens.name, "left": None}
@@ -192,7 +192,7 @@ def test_a_malformed_packet_is_told_by_what_is_wrong_and_changes_nothing(running
     with caplog.at_level(logging.WARNING):
         for _ in range(10):
             running.pens.send(pack(0, 10**6, nan, 0.0), b"garbage")
-            running.wait(1 / RATE)
+            running.wait(1 / TICK_RATE)
     told = f"a packet from {running.pens.name} is ignored: position x is nan m; it must be within ±10 m"
     assert running.messages() == [told]
     assert told in caplog.text
@@ -203,7 +203,7 @@ def test_a_malformed_packet_is_told_by_what_is_wrong_and_changes_nothing(running
 def test_a_gripper_out_of_range_is_told(running):
     running.start()
     running.pens.send(pack(1, 10**6, np.eye(4), 7.0))
-    running.wait(1 / RATE)
+    running.wait(1 / TICK_RATE)
     assert running.messages()[0].endswith("gripper is 7 rad; it must be within ±6.283 rad")
 
 
@@ -224,7 +224,7 @@ def test_a_camera_pedal_that_is_stuck_at_the_start_moves_nothing(running):
 @pytest.mark.slow
 @pytest.mark.parametrize("pedal", ["clutch", "camera"])
 def test_a_pedal_that_stays_pressed_is_told(running, monkeypatch, caplog, pedal):
-    monkeypatch.setattr(console_state, "_STUCK", 0.3)
+    monkeypatch.setattr(console_state, "_STUCK_PEDAL_TIME", 0.3)
     running.start()
     setattr(running.pens, pedal, True)
     with caplog.at_level(logging.WARNING):
@@ -282,7 +282,7 @@ def test_no_packets_of_strangers_move_anything(running, packets):
     before, ignored = running.q(), running.state["packets"]["ignored"]
     stranger.send(*packets) if packets else None
     stranger.close()
-    running.wait(2 / RATE)
+    running.wait(2 / TICK_RATE)
     assert np.array_equal(running.q(), before)
     assert running.state["packets"]["ignored"] == ignored + len(packets)
     assert running.state["packets"]["from"]["right"] == running.pens.name
@@ -312,10 +312,10 @@ def session(running, ticks=700, delay=100, lost=0.05):
     for k in range(ticks + delay + 8):
         if k in due:
             pens.send(*due[k])
-        if (tick := begin + int((k + 1) * 1e-3 * RATE)) > running.tick:
+        if (tick := begin + int((k + 1) * 1e-3 * TICK_RATE)) > running.tick:
             running.tick = tick
             running.op.frame(tick, 0.0)
-    running.wait(3 / RATE, sends=False)
+    running.wait(3 / TICK_RATE, sends=False)
     missed = []
     for hand in (0, 1):
         numbers = [int.from_bytes(data[8:12], "little") for data in came if data[5] == hand]
@@ -327,7 +327,7 @@ def session(running, ticks=700, delay=100, lost=0.05):
 @pytest.mark.slow
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
     monkeypatch.setattr(live_console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)
     running = Running(ConsoleStream(bare_theatre))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()

@@ -11,7 +11,7 @@ from made.cloth import Cloth
 from made.room import CLOTH
 from twin.cli import scenes
 from twin.model.scene import load_scene
-from twin.ui.headset.scene_frame import LEVELS
+from twin.ui.headset.scene_frame import QUANTISATION_STEPS
 from twin.ui.headset.stream_frames import pose_of
 
 pytestmark = pytest.mark.browser
@@ -75,7 +75,7 @@ def test_the_cloth_is_drawn_as_it_bends(page):
         page.until("!twin.app.world.dirty", "a picture")
         seen = np.array(page("twin.field('cloth')")).reshape(-1, 3)
         wanted = cloth.at(t).fields["cloth"]
-        assert np.abs(seen - wanted).max() < 0.6 * np.ptp(wanted, axis=0).max() / LEVELS + 1e-6
+        assert np.abs(seen - wanted).max() < 0.6 * np.ptp(wanted, axis=0).max() / QUANTISATION_STEPS + 1e-6
         page.settled()
         page("twin.app.world.touch()")
         shapes.append(page.image())

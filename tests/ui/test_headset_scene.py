@@ -32,14 +32,14 @@ from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_scene
 from twin.ui.headset.server_files import page_files
 from twin.ui.session.deformable_feed import vertices_of
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.timeline import RATE, prepare
+from twin.ui.session.timeline import TICK_RATE, prepare
 
 # --------------------------------------------------------------------------------------------------- frames
 
 
 def a_robot(rng, links, joints, ghost=False):
     body = wire.pack_body(rng.normal(size=(links, 7)), rng.normal(size=joints), rng.normal(size=7) if ghost else None)
-    return wire.pack(3, 1.5, 0.25, wire.HELD | wire.GHOST * ghost, body, links, joints)
+    return wire.pack(3, 1.5, 0.25, wire.HELD_FLAG | wire.GHOST_FLAG * ghost, body, links, joints)
 
 
 @settings(max_examples=50, deadline=None)
@@ -49,11 +49,11 @@ def test_a_scene_comes_back_whole_and_its_robots_to_the_bit(robots, fields, seed
     rng = np.random.default_rng(seed)
     parts = [a_robot(rng, *r) for r in robots]
     vertices = [rng.normal(size=(n, 3)) * 10.0 ** rng.integers(-4, 2, 3) for n in fields]
-    data = pack_scene(seed, 1.5, 2.5, wire.PLAYING, parts, [pack_field(v) for v in vertices])
+    data = pack_scene(seed, 1.5, 2.5, wire.PLAYING_FLAG, parts, [pack_field(v) for v in vertices])
     assert len(data) % 4 == 0
     frame = unpack_any(data)
     assert isinstance(frame, scene_frame.SceneFrame)
-    assert (frame.seq, frame.server_time, frame.time, frame.flags) == (seed % 2**32, 1.5, 2.5, wire.PLAYING)
+    assert (frame.seq, frame.server_time, frame.time, frame.flags) == (seed % 2**32, 1.5, 2.5, wire.PLAYING_FLAG)
     for part, robot in zip(parts, frame.robots, strict=True):
         alone = wire.unpack(part)
         assert (alone.poses.tobytes(), alone.q.tobytes(), alone.flags) == (
@@ -62,7 +62,7 @@ def test_a_scene_comes_back_whole_and_its_robots_to_the_bit(robots, fields, seed
     for wanted, got in zip(vertices, frame.fields, strict=True):
         assert got.shape == wanted.shape
         if len(wanted):  # half a step of the box, and what float32 rounds
-            limit = 0.5 * np.ptp(wanted, axis=0) / scene_frame.LEVELS + 4e-7 * np.abs(wanted).max()
+            limit = 0.5 * np.ptp(wanted, axis=0) / scene_frame.QUANTISATION_STEPS + 4e-7 * np.abs(wanted).max()
             assert (np.abs(got - wanted) <= limit).all()
     for cut in {len(data) - 4, 40} - {len(data)}:
         if cut < len(data):
@@ -74,7 +74,7 @@ def test_a_scene_comes_back_whole_and_its_robots_to_the_bit(robots, fields, seed
 
 def test_a_scene_lies_as_the_documentation_says(rng):
     robot, corner = a_robot(rng, 2, 3), np.array([[0.0, 1, 2], [1, 1, 4]])
-    data = pack_scene(5, 1.5, 2.5, wire.HELD, [robot], [pack_field(corner)])
+    data = pack_scene(5, 1.5, 2.5, wire.HELD_FLAG, [robot], [pack_field(corner)])
     for offset, kind, value in [
         (0, "<4s", b"TWN2"), (4, "<I", 5), (8, "<d", 1.5), (16, "<d", 2.5), (24, "<H", 1), (26, "<H", 1), (28, "<I", 8),
         (32, "<4s", b"TWN1"),
@@ -98,7 +98,7 @@ def test_fields_that_cannot_be_sent_are_told():
         with pytest.raises(TwinError, match=message):
             vertices_of(WorldFrame(0.5, {}, {} if field is None else {"cloth": field}), "cloth", surface)
     with pytest.raises(TwinError, match="the maximum of 65536"):
-        pack_field(np.zeros((scene_frame.VERTICES + 1, 3)))
+        pack_field(np.zeros((scene_frame.MAX_VERTICES + 1, 3)))
 
 
 @pytest.mark.slow
@@ -209,9 +209,9 @@ def test_all_play_on_one_clock_and_fields_bend_with_it(scene, robots, planned, p
             i = [p.name for p in scene.places].index(name)
             for frame in peer.frames:
                 k = int(np.argmin(abs(played.t - frame.robots[i].clip_time)))
-                assert abs(played.t[k] - min(frame.time, played.duration)) <= 0.6 / RATE
+                assert abs(played.t[k] - min(frame.time, played.duration)) <= 0.6 / TICK_RATE
                 truth = cloth.at(frame.time).fields["cloth"]
-                assert np.abs(frame.fields[0] - truth).max() < 0.3 / scene_frame.LEVELS
+                assert np.abs(frame.fields[0] - truth).max() < 0.3 / scene_frame.QUANTISATION_STEPS
                 assert frame.robots[i].server_time == frame.server_time
             assert len({f.fields[0].tobytes() for f in peer.frames}) > 20
             others = [p.name for p in scene.places if p.name != name]
@@ -250,8 +250,8 @@ def test_each_robot_has_a_holder_of_its_own(scene, robots):
                 )
             assert np.allclose(s.live.twins[three].movable.assembly.T_base_tool, before[three], atol=1e-9)
             flags = a.frames[-1]
-            assert [bool(r.flags & wire.HELD) for r in flags.robots] == [True, True, False]
-            assert flags.flags & wire.HELD
+            assert [bool(r.flags & wire.HELD_FLAG) for r in flags.robots] == [True, True, False]
+            assert flags.flags & wire.HELD_FLAG
             assert (await a.ask("grab", robot=three, target="tool"))["type"] == "ack"  # a second hand
             assert "name one of" in (await a.ask("drag", pose=[0, 0, 0, 0, 0, 0, 1]))["message"]
             await a.ask("release", robot=one)
@@ -295,8 +295,8 @@ def test_a_robot_with_a_field_is_a_scene_and_one_alone_is_not(robots):
             assert about["robots"][0]["scenery"] is not None
             assert len(about["fields"]) == (feed is not None)
 
-    asyncio.run(go(None, wire.ALONE))
-    asyncio.run(go(Cloth(n=4, duration=0.1), wire.VERSION))
+    asyncio.run(go(None, wire.ROBOT_VERSION))
+    asyncio.run(go(Cloth(n=4, duration=0.1), wire.SCENE_VERSION))
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ from twin.ui.headset.recording import StreamRecording
 from twin.ui.headset.replay import Replay
 from twin.ui.headset.stream_frames import sevens
 from twin.ui.session import workspace_cloud
-from twin.ui.session.timeline import RATE, prepare
+from twin.ui.session.timeline import TICK_RATE, prepare
 
 
 @pytest.fixture(scope="module")
@@ -290,8 +290,8 @@ def test_what_is_shown_is_the_protocol_sample_by_sample(sils, planned, playback)
             assert state["residual_m"] < 1e-9
             sent = {f.seq: f.poses.tobytes() for f in peer.frames}
             assert all(sent.get(f.seq, f.poses.tobytes()) == f.poses.tobytes() for f in other.frames)
-            assert peer.frames[-1].flags & wire.PLAYING == 0 or await peer.until(
-                lambda: not peer.frames[-1].flags & wire.PLAYING
+            assert peer.frames[-1].flags & wire.PLAYING_FLAG == 0 or await peer.until(
+                lambda: not peer.frames[-1].flags & wire.PLAYING_FLAG
             )
 
     asyncio.run(go())
@@ -319,7 +319,7 @@ def test_the_tool_is_dragged_and_two_clients_have_one_grab(sils):
             await b.until(
                 lambda: np.allclose((wire.pose_of(b.frames[-1].poses[tool]) @ local)[:3, 3], goal[:3], atol=1e-6)
             )
-            assert b.frames[-1].flags & (wire.HELD | wire.REFUSED) == wire.HELD
+            assert b.frames[-1].flags & (wire.HELD_FLAG | wire.REFUSED_FLAG) == wire.HELD_FLAG
             assert (await a.ask("drag", value=0.1))["code"] == "not_held"
             await a.say("release")
             await b.state(holder=None)
@@ -341,7 +341,7 @@ def test_what_cannot_be_reached_is_approached_along_the_limits_and_said(sils):
             await asyncio.sleep(0.2)
             target = nearby + np.array([0.3, 0, 0, 0, 0, 0, 0])
             await peer.ask("drag", pose=target.tolist())
-            await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED)
+            await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED_FLAG)
             moved = s.twin.movable.assembly
             assert nearby[0] + 0.05 < moved.T_base_tool[0, 3] < target[0] - 0.05
             assert moved.worst_gap < 1e-9
@@ -350,7 +350,7 @@ def test_what_cannot_be_reached_is_approached_along_the_limits_and_said(sils):
             state = await peer.until(lambda: peer.last("state")["reason"] and peer.last("state"))
             assert len(state["reason"]) > 10
             await peer.ask("drag", pose=sevens(s.twin.movable.assembly.T_base_tool).tolist())
-            await peer.until(lambda: not peer.frames[-1].flags & wire.REFUSED)
+            await peer.until(lambda: not peer.frames[-1].flags & wire.REFUSED_FLAG)
             await peer.state(reason=None)
 
     asyncio.run(go())
@@ -478,7 +478,7 @@ def test_a_changed_mechanism_plays_a_protocol_with_closed_loops(sils, planned, p
             await peer.ask("distance", index=index, value=value)
             await peer.until(lambda: peer.last("state")["distances"] == [[index, value]])
             await peer.ask("seek", t=playback.duration / 2)
-            q = playback.q[round(playback.duration / 2 * RATE)]
+            q = playback.q[round(playback.duration / 2 * TICK_RATE)]
             await peer.until(lambda: np.abs(peer.frames[-1].q - q).max() < 1e-6)
             wanted = changed.solve(peer.frames[-1].q.astype(float)).link_poses
             for name, seven in zip(names, peer.frames[-1].poses, strict=True):
@@ -559,7 +559,7 @@ def test_a_robot_without_protocols_or_equations_is_served(tmp_path):
 
 @pytest.mark.slow
 def test_a_holder_that_comes_back_has_its_grab(sils, monkeypatch):
-    monkeypatch.setattr(servers, "GRACE", 0.6)
+    monkeypatch.setattr(servers, "RECONNECTION_TIME", 0.6)
 
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as other:
@@ -588,7 +588,7 @@ def test_a_holder_that_comes_back_has_its_grab(sils, monkeypatch):
 
 @pytest.mark.slow
 def test_a_silent_holder_loses_the_grab_and_a_ping_keeps_it(sils, monkeypatch):
-    monkeypatch.setattr(servers, "SILENCE", 0.5)
+    monkeypatch.setattr(servers, "SILENCE_TIMEOUT", 0.5)
 
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
@@ -736,7 +736,7 @@ def test_after_a_seek_a_replay_has_the_state_of_that_time(tmp_path):
 
 
 def test_a_connected_client_is_not_forgotten(sils, monkeypatch):
-    monkeypatch.setattr(servers, "REMEMBERED", 1)
+    monkeypatch.setattr(servers, "MAX_REMEMBERED_CLIENTS", 1)
 
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
@@ -778,7 +778,7 @@ def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
                 await peer.say("drag", pose=pose.tolist())
                 await asyncio.sleep(0.02)
             await peer.ask("drag", pose=[5, 5, 5, 0, 0, 0, 1])
-            await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED and peer.last("state")["reason"])
+            await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED_FLAG and peer.last("state")["reason"])
             await peer.ask("record", on=False)
             assert (await peer.state(recording=False))["reason"]
             return list(peer.raw)
@@ -989,7 +989,7 @@ def behave(behaviour, port):
 @pytest.mark.slow
 def test_whoever_means_no_good_is_ended_and_harms_nobody(sils, planned, monkeypatch):
     monkeypatch.setattr(connections, "HEAD_SECONDS", 1.0)
-    monkeypatch.setattr(clients, "STALL", 0.8)
+    monkeypatch.setattr(clients, "STALL_TIMEOUT", 0.8)
 
     async def go():
         async with serving(sils) as s, joined(s.port) as peer:

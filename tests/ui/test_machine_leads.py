@@ -54,7 +54,7 @@ def test_postures_and_undo_are_refused_where_a_machine_leads_and_undo_keeps_its_
 
 
 def test_a_machine_that_answers_again_is_connected_again(monkeypatch):
-    monkeypatch.setattr(driven_machine, "_PAUSE", 0.01)
+    monkeypatch.setattr(driven_machine, "_CONNECTION_PAUSE", 0.01)
     with socket.socket() as states:
         states.bind((HOST, 0))  # nobody listens yet: connections are refused
         again = driven_machine.Reconnection(Address(HOST, 9, states.getsockname()[1]), 6)

@@ -26,13 +26,13 @@ from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
 from twin.ui.headset.state_document import reading_entries
-from twin.ui.session.display_meshes import CREASE, behind, creased, looks
+from twin.ui.session.display_meshes import CREASE_ANGLE, behind, creased, display_meshes
 from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
-from twin.ui.viewer.curves_panel import LEAST_SPAN, curves
-from twin.ui.viewer.design_panel import SHOWN_POINTS, point_step, refusal_html, residual_html
+from twin.ui.viewer.curves_panel import MIN_SPAN, curves
+from twin.ui.viewer.design_panel import MAX_SHOWN_POINTS, point_step, refusal_html, residual_html
 
 ROBOTS = one_of_a_kind()
 
@@ -223,9 +223,9 @@ def raised(robot):
     raise KinematicsError("no compiler")
 
 
-@pytest.mark.parametrize("count", [0, 1, SHOWN_POINTS, SHOWN_POINTS + 1, 2 * SHOWN_POINTS - 1])
+@pytest.mark.parametrize("count", [0, 1, MAX_SHOWN_POINTS, MAX_SHOWN_POINTS + 1, 2 * MAX_SHOWN_POINTS - 1])
 def test_no_more_workspace_points_are_shown_than_stated(count):
-    assert len(range(0, count, point_step(count))) <= SHOWN_POINTS
+    assert len(range(0, count, point_step(count))) <= MAX_SHOWN_POINTS
 
 
 def test_a_mechanism_that_is_redesigned_leaves_its_equations(sils):
@@ -292,7 +292,7 @@ def test_edges_are_sharp_where_trimesh_has_them_sharp():
     for body in twin.load("hibou").mechanism.bodies:
         for mesh in body.meshes:
             theirs = trimesh.graph.smooth_shade(
-                trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False), angle=CREASE, facet_minarea=None
+                trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False), angle=CREASE_ANGLE, facet_minarea=None
             )
             vertices, triangles = creased(mesh.vertices, mesh.triangles)
             assert len(vertices) == len(theirs.vertices)
@@ -316,7 +316,7 @@ def test_a_body_has_one_node_for_each_colour():
     mechanism = twin.load("sils").mechanism
     for body in mechanism.bodies:
         colors = {m.color_rgba for m in body.meshes}
-        assert len(looks(body)) == len(colors)
+        assert len(display_meshes(body)) == len(colors)
 
 
 # -- the command --------------------------------------------------------------------------------------
@@ -441,7 +441,7 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
     (name,), values = curves(playback, "RCM error", [], [])
     unit = {"[mm]": 1e-3, "[µm]": 1e-6, "[nm]": 1e-9, "[pm]": 1e-12}[name.split()[-1]]
     np.testing.assert_allclose(values[0] * unit, error)
-    shown = np.linspace(0, max(np.nanmax(values), LEAST_SPAN), 8)
+    shown = np.linspace(0, max(np.nanmax(values), MIN_SPAN), 8)
     assert len({f"{v:.3f}" for v in shown}) == 8
     assert worst < 1e-12 or 1 <= np.nanmax(values) < 1000
 

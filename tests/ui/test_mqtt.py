@@ -54,7 +54,7 @@ class Tablet:
 
 @asynccontextmanager
 async def tablet(port):
-    async with aiomqtt.Client("127.0.0.1", port, socket_options=mqtt._AT_ONCE) as client:
+    async with aiomqtt.Client("127.0.0.1", port, socket_options=mqtt._NO_DELAY) as client:
         found = Tablet(client)
         for topic in (TOPIC, f"{TOPIC}/available"):
             await client.subscribe(topic, qos=1)
@@ -129,7 +129,7 @@ WRONG = {
 )  # aiomqtt leaves sockets to its keep-alive
 @pytest.mark.parametrize("answers", WRONG.values(), ids=WRONG.keys())
 def test_a_broker_that_breaks_the_protocol_is_reported_and_nothing_else_is_logged(answers, monkeypatch):
-    monkeypatch.setattr(mqtt, "_RETRY", 0.01)
+    monkeypatch.setattr(mqtt, "_RETRY_PAUSE", 0.01)
     monkeypatch.setattr(mqtt, "_TIMEOUT", 0.3)
     connections, logged, told = [], [], []
     gc.freeze()  # the two searches for garbage, below, leave out what earlier tests made
@@ -189,7 +189,7 @@ REFUSED = {
 
 
 def test_what_is_no_scale_is_refused_by_name(broker, bare_theatre, monkeypatch, caplog):
-    monkeypatch.setattr(mqtt, "_QUIET", 0.0)
+    monkeypatch.setattr(mqtt, "_REPORT_PAUSE", 0.0)
 
     async def go():
         async with (
@@ -222,7 +222,7 @@ def said(peer, text):
 
 @pytest.mark.slow
 def test_a_broker_that_goes_away_is_told_and_found_again(broker, bare_theatre, monkeypatch, caplog):
-    monkeypatch.setattr(mqtt, "_RETRY", 0.1)
+    monkeypatch.setattr(mqtt, "_RETRY_PAUSE", 0.1)
 
     async def go():
         broker.stop()

@@ -13,7 +13,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.robots import names
-from twin.ui.session.movable_robot import START, MovableRobot
+from twin.ui.session.movable_robot import START_POSTURE, MovableRobot
 
 ROOM = 50.0
 """Travel in mm that is wanted in each of the six directions."""
@@ -80,7 +80,7 @@ def test_the_start_is_found_again():
     movable = MovableRobot(twin.load("sils"))
     q = movable.assembly.q.copy()
     assert movable.go_to_posture("home").good
-    assert movable.go_to_posture(START).good
+    assert movable.go_to_posture(START_POSTURE).good
     assert np.abs(movable.assembly.q - q).max() < 1e-12
 
 

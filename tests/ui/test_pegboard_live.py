@@ -170,7 +170,7 @@ def test_the_scoreboard_is_plain_data():
 
 @pytest.fixture(autouse=True)
 def no_budget(monkeypatch):
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)  # a busy machine does not make the World late
 
 
 def hands(number, lift=0.0, grip=0.0):

@@ -721,7 +721,7 @@ def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     found = next(p for p in pieces if isinstance(p, PlannedMotion))
     assert len(found.tree) > 10
     assert found.shown.shape[1:] == (len(found.links), 4, 4)
-    tool, ticks = (mechanism := twin.load(ARM).mechanism).frame(mechanism.tool), plan_jobs.SHOWN / plan_jobs.DT
+    tool, ticks = (mechanism := twin.load(ARM).mechanism).frame(mechanism.tool), plan_jobs.PREVIEW_PERIOD / plan_jobs.DT
     pictures = found.shown[:-1, found.links.index(tool.body)] @ tool.T_body_frame
     assert pictures == pytest.approx(found.Ts[np.rint(ticks * np.arange(len(pictures))).astype(int)], abs=1e-9)
 

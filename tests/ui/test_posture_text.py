@@ -9,7 +9,7 @@ import twin
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
 from twin.ui.session.movable_robot import MovableRobot
-from twin.ui.session.posture_text import LONGEST, posture_text, read_posture
+from twin.ui.session.posture_text import MAX_LENGTH, posture_text, read_posture
 
 
 @pytest.fixture(scope="module", params=["sils", "pa10"])
@@ -22,7 +22,7 @@ def test_what_is_written_is_read_back(joints, rng):
         q = np.array([rng.uniform(-3, 3) if joint.is_angle else rng.uniform(-1, 1) for joint in joints])
         t = rng.uniform(0, 100)
         text = posture_text(joints, q, t)
-        assert len(text) <= LONGEST
+        assert len(text) <= MAX_LENGTH
         found, at = read_posture(text, joints)
         np.testing.assert_allclose(found, q, rtol=0, atol=1e-8)  # six decimals of mm and of degrees
         assert at == pytest.approx(t, abs=1e-3)
@@ -41,7 +41,7 @@ def test_a_robot_with_many_joints_has_fewer_decimals():
     joints = MovableRobot(twin.load("pa10")).joints * 3
     q = np.full(len(joints), 1.23456789)
     text = posture_text(joints, q, 1.0)
-    assert 0 < len(text) <= LONGEST
+    assert 0 < len(text) <= MAX_LENGTH
     np.testing.assert_allclose(read_posture(text, joints)[0], q, atol=1e-3)
     assert posture_text(joints * 4, np.tile(q, 4), 1.0) == "", "there is no link of more characters than a page sends"
 

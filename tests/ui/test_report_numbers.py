@@ -21,7 +21,7 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
         y[(peak + 3000) % 15000] = -9.0
         y[5000:5200] = np.nan if not 5000 <= peak < 5200 else 1.0
         tt, yy = plot_data.thin(t, y)
-        assert len(tt) <= plot_data.POINTS
+        assert len(tt) <= plot_data.MAX_CURVE_POINTS
         assert (tt[0], tt[-1]) == (t[0], t[-1])
         assert np.all(np.diff(tt) > 0)
         assert t[peak] in tt[yy == 9.0]

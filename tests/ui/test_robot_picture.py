@@ -36,7 +36,7 @@ def test_an_empty_mesh_in_a_robot_with_too_many_triangles_is_left_out():
     parts = robot_picture._triangles(mechanism, assembly, ())
     assert parts is not None
     vertices, triangles, colors = parts
-    assert 0 < len(triangles) <= robot_picture.MOST_TRIANGLES
+    assert 0 < len(triangles) <= robot_picture.MAX_TRIANGLES
     assert len(colors) == len(triangles)
     assert triangles.max() < len(vertices)
     links, place = robot_picture._place(mechanism, assembly, ("link",))
@@ -58,7 +58,7 @@ def test_a_picture_that_fails_leaves_the_report_and_is_named_in_it(tmp_path, mon
 
 def layers(count):
     """Return (vertices, triangles, colours) of squares one behind the other, the nearest one red, the others blue."""
-    ahead = raster.AHEAD / np.linalg.norm(raster.AHEAD)
+    ahead = raster.VIEW_DIRECTION / np.linalg.norm(raster.VIEW_DIRECTION)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead)
@@ -73,8 +73,8 @@ def layers(count):
 
 def test_more_points_than_allowed_make_a_coarser_picture_of_the_nearest_triangles(monkeypatch):
     vertices, triangles, colors = layers(12)
-    monkeypatch.setattr(raster, "_MOST_POINTS", 2e5)
-    monkeypatch.setattr(raster, "_AT_A_TIME", 30_000)
+    monkeypatch.setattr(raster, "_MAX_POINTS", 2e5)
+    monkeypatch.setattr(raster, "_POINTS_PER_BATCH", 30_000)
     drawn = []
     points = raster._points
 
@@ -83,8 +83,8 @@ def test_more_points_than_allowed_make_a_coarser_picture_of_the_nearest_triangle
         return points(places, depth, faces, counts)
 
     monkeypatch.setattr(raster, "_points", counted)
-    picture = raster.shaded(vertices, triangles, colors, None)
-    assert picture.shape == (raster.HEIGHT, raster.WIDTH, 3)
+    picture = raster.shaded_picture(vertices, triangles, colors, None)
+    assert picture.shape == (raster.PICTURE_HEIGHT, raster.PICTURE_WIDTH, 3)
     assert sum(drawn) < 2.1e5
     assert len(drawn) > 3
     middle = picture[50:-50, 120:-120].reshape(-1, 3).astype(int)
@@ -95,8 +95,8 @@ def test_more_points_than_allowed_make_a_coarser_picture_of_the_nearest_triangle
 def test_the_picture_is_the_same_in_parts_and_at_once(monkeypatch):
     vertices, triangles, colors = layers(4)
     mark = np.array([0.1, 0.2, 0.3])
-    monkeypatch.setattr(raster, "WIDTH", 100)
-    monkeypatch.setattr(raster, "HEIGHT", 80)
-    whole = raster.shaded(vertices, triangles, colors, mark)
-    monkeypatch.setattr(raster, "_AT_A_TIME", 40_000)
-    np.testing.assert_array_equal(raster.shaded(vertices, triangles, colors, mark), whole)
+    monkeypatch.setattr(raster, "PICTURE_WIDTH", 100)
+    monkeypatch.setattr(raster, "PICTURE_HEIGHT", 80)
+    whole = raster.shaded_picture(vertices, triangles, colors, mark)
+    monkeypatch.setattr(raster, "_POINTS_PER_BATCH", 40_000)
+    np.testing.assert_array_equal(raster.shaded_picture(vertices, triangles, colors, mark), whole)

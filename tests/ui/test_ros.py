@@ -18,7 +18,7 @@ from twin.ui.access.rules import AccessRules
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session import live_console
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 
 class Running:
@@ -34,11 +34,11 @@ class Running:
     async def start(self):
         await self.bridge.start("127.0.0.1", 0)
         self.op.frame(0, 0.0)
-        await self.wait(1 / RATE)
+        await self.wait(1 / TICK_RATE)
 
     async def wait(self, seconds, send=None):
         """Let time pass; `send` sends the messages of a tick of the World."""
-        for _ in range(round(seconds * RATE)):
+        for _ in range(round(seconds * TICK_RATE)):
             for _ in range(16 if send else 0):
                 await send()
             self.tick += 1
@@ -63,7 +63,7 @@ async def running(scene, exercise=None):
 
 @pytest.fixture
 def scene(bare_theatre, monkeypatch):
-    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_STEPPING_TIME", np.inf)  # a busy machine does not make the World late
     return bare_theatre
 
 
@@ -84,10 +84,10 @@ async def moved_by_ros(scene, exercise=None):
         for seconds, way, rolls in SCRIPT:
             if rolls:
                 pens.roll()
-            steps = round(seconds * RATE)
+            steps = round(seconds * TICK_RATE)
             for _ in range(steps):
                 pens.p["right"] = pens.p["right"] + np.array((way, 0, 0)) / steps
-                await console.wait(1 / RATE, send)
+                await console.wait(1 / TICK_RATE, send)
         return picture_way(console.op, before), console.state, client
 
 
@@ -110,7 +110,7 @@ def moved_by_udp(scene, exercise):
     for seconds, way, rolls in SCRIPT:
         if rolls:
             pens.roll()
-        steps = round(seconds * RATE)
+        steps = round(seconds * TICK_RATE)
         for _ in range(steps):
             pens.p["right"] = pens.p["right"] + np.array((way, 0, 0)) / steps
             for _ in range(16):
@@ -154,7 +154,7 @@ def test_topics_of_crtk_are_published_with_the_values_of_the_world(scene):
             await console.wait(0.1, send)
             for _ in range(12):
                 pens.p["right"] = pens.p["right"] + np.array((0.5 * MM, 0, 0))
-                await console.wait(1 / RATE, send)
+                await console.wait(1 / TICK_RATE, send)
             await client.handled()
             return console, client.heard, types
 
@@ -203,7 +203,7 @@ def test_servo_cp_moves_the_tool_to_the_pose(scene):
                 T = spatial.pose(turn, goal[:3, 3] + way * (target - goal)[:3, 3])
                 await client.pose("/PSM1/servo_cp", T)
                 await client.handled()
-                await console.wait(1 / RATE)
+                await console.wait(1 / TICK_RATE)
             return console.op.world.signals["psm1.goal"].reshape(4, 4), target, client.statuses, console.state
 
     reached, target, statuses, state = asyncio.run(servo())
@@ -224,7 +224,7 @@ def test_many_messages_of_servo_cp_in_a_picture_are_one_goal(scene):
                 for _ in range(8):
                     await client.pose("/PSM1/servo_cp", target)
                 await client.handled()
-                await console.wait(1 / RATE)
+                await console.wait(1 / TICK_RATE)
                 now = console.op.world.signals["psm1.goal"].reshape(4, 4)
                 ways.append(float(np.linalg.norm((now - goal)[:3, 3])))
             held = console.state["owner"]
@@ -254,7 +254,7 @@ def test_pedals_and_goals_of_a_client_end_with_it(scene):
                 pens = RosPens(second)
                 await pens.send()
                 await second.handled()
-                await console.wait(1 / RATE)
+                await console.wait(1 / TICK_RATE)
                 return pressed, (hands.clutch, hands.camera), second.statuses, console.state["owner"]
 
     pressed, after, statuses, owner = asyncio.run(leave())
@@ -284,12 +284,12 @@ def test_two_subscriptions_of_a_topic_end_one_by_one(scene):
                 await client.send("subscribe", topic="/PSM1/measured_js", id=name)
             await client.send("unsubscribe", topic="/PSM1/measured_js", id="a")
             await client.handled()
-            await console.wait(2 / RATE)
+            await console.wait(2 / TICK_RATE)
             await client.handled()
             with_one = len(client.heard["/PSM1/measured_js"])
             await client.send("unsubscribe", topic="/PSM1/measured_js", id="b")
             await client.handled()
-            await console.wait(2 / RATE)
+            await console.wait(2 / TICK_RATE)
             await client.handled()
             return with_one, len(client.heard["/PSM1/measured_js"])
 
@@ -437,7 +437,7 @@ def test_cbor_and_throttled_subscriptions(scene):
             await client.send("subscribe", topic="/PSM2/measured_js", throttle_rate=3_600_000)
             await client.handled()
             for _ in range(5):
-                await console.wait(1 / RATE)
+                await console.wait(1 / TICK_RATE)
                 await client.handled()
             await client.send("unsubscribe", topic="/PSM1/measured_js")
             await client.handled()

@@ -19,7 +19,7 @@ from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 from twin.validation.rank_tests import compare
 
 SCALE = 0.1
@@ -89,13 +89,13 @@ def test_a_pen_by_udp_touches_the_five_holes_and_its_trial_is_read_by_study(scen
         sounds, touching = 0, False
         while stream.reading["task"]["over"] is None:
             missing = way.missing(stream.world.signals["sher.q"])
-            pen.send(pen.packet(np.zeros(3) if missing is None else missing, 1 / RATE))
-            stream.frame(tick, tick / RATE)
+            pen.send(pen.packet(np.zeros(3) if missing is None else missing, 1 / TICK_RATE))
+            stream.frame(tick, tick / TICK_RATE)
             contact = stream.reading["task"]["contact"]
             sounds += contact and not touching
             touching = contact
             tick += 1.0
-            assert tick < 200 * RATE, stream.reading
+            assert tick < 200 * TICK_RATE, stream.reading
         presses = stream.referee.judge.presses
         said = stream.reading
         pen.close()

@@ -18,7 +18,7 @@ from twin.core.errors import TwinError
 from twin.ui.access import rate_limits as limits
 from twin.ui.headset import scene_frame, server
 from twin.ui.headset import stream_frames as wire
-from twin.ui.headset.client import STALL
+from twin.ui.headset.client import STALL_TIMEOUT
 from twin.ui.headset.client_messages import (
     ERRORS,
     LONGEST_MESSAGE,
@@ -45,7 +45,7 @@ def test_frames_come_back_to_the_bit(links, joints, seq, has_ghost, server_time,
     bits = np.random.default_rng(seq).integers(0, 2**32, 7 * links + joints + 7, dtype=np.uint32).view(np.float32)
     poses, q = bits[: 7 * links].reshape(links, 7), bits[7 * links : -7]
     ghost = bits[-7:] if has_ghost else None
-    flags = wire.HELD | wire.PLAYING | (wire.GHOST if has_ghost else 0)
+    flags = wire.HELD_FLAG | wire.PLAYING_FLAG | (wire.GHOST_FLAG if has_ghost else 0)
     frame = unpack(pack(seq, server_time, clip_time, flags, pack_body(poses, q, ghost), links, joints))
     assert (frame.seq, frame.server_time, frame.clip_time, frame.flags) == (seq % 2**32, server_time, clip_time, flags)
     assert frame.poses.tobytes() == poses.tobytes()
@@ -76,7 +76,7 @@ def test_a_frame_lies_as_the_documentation_says():
         (lambda d: b"XXXX" + d[4:], "begins with"),
         (lambda d: d[:-1], "need 72"),
         (lambda d: d + b"\0", "need 72"),
-        (lambda d: d[:28] + struct.pack("<I", wire.GHOST) + d[32:], "need 100"),
+        (lambda d: d[:28] + struct.pack("<I", wire.GHOST_FLAG) + d[32:], "need 100"),
     ],
 )
 def test_what_is_no_frame_is_refused(spoil, message):
@@ -112,23 +112,24 @@ def test_the_documentation_shows_every_message_code_flag_and_limit():
     assert dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", DOCS, re.MULTILINE)) == ERRORS
     said = re.search(r"^Flags: (.*?)\n\n", DOCS, re.DOTALL | re.MULTILINE)[1]
     assert [int(n) for n in re.findall(r"(?:^|, )\s*(\d+) ", said)] == [1, 2, 4, 8]
-    assert (wire.GHOST, wire.PLAYING, wire.REFUSED, wire.HELD) == (1, 2, 4, 8)
+    assert (wire.GHOST_FLAG, wire.PLAYING_FLAG, wire.REFUSED_FLAG, wire.HELD_FLAG) == (1, 2, 4, 8)
     words = " ".join(DOCS.split())
     for number in (
-        f"at most {LONGEST_MESSAGE} bytes", f"{limits.MESSAGES[0]:g} messages",
-        f"{limits.BYTES[0] / 1e3:g} kB a second",
-        f"{limits.CLIENTS} clients", f"{limits.SOCKETS} connections", f"after {server.SILENCE:g} s without",
-        f"{server.GRACE:g} s after its connection", f"reads nothing for {STALL:g} s",
+        f"at most {LONGEST_MESSAGE} bytes", f"{limits.MESSAGE_LIMIT[0]:g} messages",
+        f"{limits.BYTE_LIMIT[0] / 1e3:g} kB a second",
+        f"{limits.MAX_WEBSOCKETS} clients", f"{limits.MAX_CONNECTIONS} connections",
+        f"after {server.SILENCE_TIMEOUT:g} s without",
+        f"{server.RECONNECTION_TIME:g} s after its connection", f"reads nothing for {STALL_TIMEOUT:g} s",
     ):  # fmt: skip
         assert number in words, number
-    for number in (f"divided by {scene_frame.LEVELS}", f"at most {scene_frame.VERTICES} vertices"):
+    for number in (f"divided by {scene_frame.QUANTISATION_STEPS}", f"at most {scene_frame.MAX_VERTICES} vertices"):
         assert number in words, number
     of_robot = re.search(r"((?:`\w+`(?:, | and )?)+) may have a `robot`", words)[1]
     assert set(re.findall(r"`(\w+)`", of_robot)) == {
         m.model_fields["type"].annotation.__args__[0] for m in get_args(RobotMessage)
     }
     assert {m for m in get_args(ClientMessage) if "robot" in m.model_fields} == set(get_args(RobotMessage))
-    assert limits.SOCKETS_OF_ONE * 2 == limits.SOCKETS
+    assert limits.MAX_CONNECTIONS_OF_ADDRESS * 2 == limits.MAX_CONNECTIONS
 
 
 BAD = [

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.ui.session.timeline import RATE, SPEEDS, _sample_times
+from twin.ui.session.timeline import PLAYBACK_SPEEDS, TICK_RATE, _sample_times
 
 
 @pytest.mark.parametrize("duration", [0.0, 0.004, 1.0, 1.001, 4.15, 8.05, 16.35])
@@ -19,7 +19,7 @@ def test_the_end_of_a_motion_is_sampled_once(duration):
     t = _sample_times(duration)
     assert t[0] == 0.0
     assert t[-1] == duration
-    assert len(t) == int(np.ceil(np.round(duration * RATE, 6))) + 1
+    assert len(t) == int(np.ceil(np.round(duration * TICK_RATE, 6))) + 1
     assert (np.diff(t) > 1e-6).all()
 
 
@@ -27,4 +27,4 @@ def test_the_page_of_the_headset_offers_the_same_speeds():
     sheet = Path(twin.__file__).parent / "ui/headset/web/src/sheet.ts"
     speeds = re.search(r"const SPEEDS = (\[.*?\]);", sheet.read_text(encoding="utf-8"))
     assert speeds is not None
-    assert tuple(json.loads(speeds[1])) == SPEEDS
+    assert tuple(json.loads(speeds[1])) == PLAYBACK_SPEEDS

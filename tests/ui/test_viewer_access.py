@@ -354,7 +354,7 @@ def nonsense(front):
     for value in (math.nan, math.inf, 1e300, "1", [1], None, {}):
         yield pack("GuiUpdateMessage", uuid=slider, updates={"value": value})
     yield pack("GuiUpdateMessage", uuid=upload, updates={"value": {"name": "x", "content": b"y" * 1000}})
-    yield pack("GuiUpdateMessage", uuid=name, updates={"value": "x" * (message_filter.ORDINARY - 200)})
+    yield pack("GuiUpdateMessage", uuid=name, updates={"value": "x" * (message_filter.MAX_ORDINARY_BYTES - 200)})
     yield pack("GuiUpdateMessage", uuid=button, updates={"value": ["x"] * 1000})
     yield msgspec.msgpack.encode({**CAMERA, "fov": "wide"})
     yield msgspec.msgpack.encode({**CAMERA, "fov": math.nan})
@@ -449,12 +449,12 @@ class Page(Someone):
 
 def test_a_page_is_admitted_after_a_valid_message_and_its_place_is_given_back():
     admission_of_pages = admission.Admission()
-    mute = [Page() for _ in range(admission.WAITING_OF_ONE + 3)]
+    mute = [Page() for _ in range(admission.MAX_WAITING_OF_ADDRESS + 3)]
     for page_client in mute:
         admission_of_pages.wait(page_client)
-    assert [page_client.was_cut for page_client in mute] == [True] * 3 + [False] * admission.WAITING_OF_ONE
+    assert [page_client.was_cut for page_client in mute] == [True] * 3 + [False] * admission.MAX_WAITING_OF_ADDRESS
     assert not admission_of_pages.admit(mute[0], 0.0)
-    good = [Page(heard=float(k)) for k in range(admission.PAGES_OF_ONE)]
+    good = [Page(heard=float(k)) for k in range(admission.MAX_PAGES_OF_ADDRESS)]
     for page_client in good:
         admission_of_pages.wait(page_client)
         assert admission_of_pages.admit(page_client, page_client.heard)
@@ -463,19 +463,21 @@ def test_a_page_is_admitted_after_a_valid_message_and_its_place_is_given_back():
     late, other = Page(heard=30.0), Page("b", heard=30.0)
     admission_of_pages.wait(late)
     admission_of_pages.wait(other)
-    assert not admission_of_pages.admit(late, admission.IDLE), "nobody is idle"
-    assert admission_of_pages.admit(other, admission.IDLE), "another address has a number of its own"
-    assert admission_of_pages.admit(late, admission.IDLE + 0.5), "the first one is idle now"
-    assert [page_client.was_cut for page_client in good] == [True] + [False] * (admission.PAGES_OF_ONE - 1)
+    assert not admission_of_pages.admit(late, admission.IDLE_TIME), "nobody is idle"
+    assert admission_of_pages.admit(other, admission.IDLE_TIME), "another address has a number of its own"
+    assert admission_of_pages.admit(late, admission.IDLE_TIME + 0.5), "the first one is idle now"
+    assert [page_client.was_cut for page_client in good] == [True] + [False] * (admission.MAX_PAGES_OF_ADDRESS - 1)
     admission_of_pages.remove(good[1])
     last = Page(heard=30.0)
     admission_of_pages.wait(last)
-    assert admission_of_pages.admit(last, admission.IDLE + 0.6)
+    assert admission_of_pages.admit(last, admission.IDLE_TIME + 0.6)
     assert not any(page_client.was_cut for page_client in good[1:])
-    for k in range(admission.PAGES):
+    for k in range(admission.MAX_PAGES):
         page_client = Page(f"c{k}", heard=30.0)
         admission_of_pages.wait(page_client)
-        assert admission_of_pages.admit(page_client, 21.0) == (k < admission.PAGES - admission.PAGES_OF_ONE - 1)
+        assert admission_of_pages.admit(page_client, 21.0) == (
+            k < admission.MAX_PAGES - admission.MAX_PAGES_OF_ADDRESS - 1
+        )
 
 
 def test_garbage_takes_no_place_of_a_page(front):
@@ -484,14 +486,14 @@ def test_garbage_takes_no_place_of_a_page(front):
     async def go():
         async with AsyncExitStack() as stack:
             where = f"ws://127.0.0.1:{front.server.get_port()}/"
-            for k in range(admission.WAITING_OF_ONE + 4):
+            for k in range(admission.MAX_WAITING_OF_ADDRESS + 4):
                 other = connect(where, subprotocols=[PROTOCOL], max_size=None)  # type: ignore[list-item]
                 ws = await stack.enter_async_context(other)
                 if k % 2:
                     with suppress(ConnectionClosed):
                         await ws.send(b"nonsense")
-            pages = [await stack.enter_async_context(joined(front)) for _ in range(admission.PAGES_OF_ONE)]
-            await until(lambda: _admitted(front) == admission.PAGES_OF_ONE, "the pages are admitted")
+            pages = [await stack.enter_async_context(joined(front)) for _ in range(admission.MAX_PAGES_OF_ADDRESS)]
+            await until(lambda: _admitted(front) == admission.MAX_PAGES_OF_ADDRESS, "the pages are admitted")
             for page in pages:
                 await (await page.ping())
             async with joined(front) as late:
@@ -499,7 +501,7 @@ def test_garbage_takes_no_place_of_a_page(front):
                 assert late.close_code == 1013
             await pages.pop().close()
             async with joined(front) as late:
-                await until(lambda: _admitted(front) == admission.PAGES_OF_ONE, "another page is admitted")
+                await until(lambda: _admitted(front) == admission.MAX_PAGES_OF_ADDRESS, "another page is admitted")
                 await (await late.ping())
             assert all(page.close_code is None for page in pages)
 
@@ -539,7 +541,7 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
     session.save(tmp_path / "session.json")
     content = (tmp_path / "session.json").read_bytes()
     moments = content[content.index(b'"moments"') :]
-    assert session_files.MOST * len(moments) / 3 * 8 / 5 < message_filter.UPLOAD  # with eight joints
+    assert session_files.MAX_MOMENTS * len(moments) / 3 * 8 / 5 < message_filter.MAX_UPLOAD_BYTES  # with eight joints
 
     async def go():
         async with joined(front) as ws:
@@ -560,7 +562,7 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
     before, reader.notify = reader.notify, told.append
     try:
         with pytest.raises(message_filter.StaleError, match="too large"):
-            reader.check(start(front, message_filter.UPLOAD + 1, 33), a, 100.0)
+            reader.check(start(front, message_filter.MAX_UPLOAD_BYTES + 1, 33), a, 100.0)
         assert "at most 16.8 MB" in told[0]
         with pytest.raises(message_filter.StaleError, match="no upload was started"):
             reader.check(part(front, 0, b"x" * 500_000), a, 100.0)
@@ -580,7 +582,7 @@ def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):
         with pytest.raises(message_filter.StaleError):
             reader.check(part(front, 0, b"xxxxx"), b, 201.0)
         reader.check(
-            start(front, 10, 2, "u"), b, 200.0 + message_filter.UPLOAD_SECONDS + 1
+            start(front, 10, 2, "u"), b, 200.0 + message_filter.UPLOAD_TIMEOUT + 1
         )  # the first one never ended
         assert a.was_cut
         reader.forget(b)
@@ -623,7 +625,7 @@ def test_memory_stays_when_large_files_come(front):
     async def attack(honest):
         with suppress(ConnectionClosed, OSError, TimeoutError, InvalidStatus):
             async with asyncio.timeout(20), joined(front) as ws:
-                await ws.send(start(front, 100_000_000 if honest else message_filter.UPLOAD, 200))
+                await ws.send(start(front, 100_000_000 if honest else message_filter.MAX_UPLOAD_BYTES, 200))
                 for k in range(200):
                     await ws.send(part(front, k, room))
 
@@ -644,16 +646,18 @@ def test_what_security_says_is_so():
 
     text = " ".join((Path(twin.__file__).parents[1] / "SECURITY.md").read_text(encoding="utf-8").split())
     for figure in (
-        f"at most {message_filter.UPLOAD / 1e6:.1f} MB", f"{session_files.MOST:,} moments are read".replace(",", " "),
+        f"at most {message_filter.MAX_UPLOAD_BYTES / 1e6:.1f} MB",
+        f"{session_files.MAX_MOMENTS:,} moments are read".replace(",", " "),
         f"{recording.MAX_DURATION // 60} minutes and {recording.MAX_SIZE / 1e6:.0f} MB each",
-        f"admits {admission.PAGES} pages, {admission.PAGES_OF_ONE} of them from one address",
-        f"up to {admission.WAITING_OF_ONE} clients of one address wait, each for at most {admission.FIRST:g} s",
-        f"silent for {admission.IDLE:g} s",
-        f"accepts {limits.CLIENTS} WebSockets, {limits.CLIENTS_OF_ONE} from one address",
+        f"admits {admission.MAX_PAGES} pages, {admission.MAX_PAGES_OF_ADDRESS} of them from one address",
+        f"up to {admission.MAX_WAITING_OF_ADDRESS} clients of one address wait, "
+        f"each for at most {admission.FIRST_MESSAGE_TIMEOUT:g} s",
+        f"silent for {admission.IDLE_TIME:g} s",
+        f"accepts {limits.MAX_WEBSOCKETS} WebSockets, {limits.MAX_WEBSOCKETS_OF_ADDRESS} from one address",
         f"{recording.MAX_RECORDINGS} files and {recording.MAX_TOTAL_SIZE / 1e9:.0f} GB for one start", NO_CODE,
     ):  # fmt: skip
         assert figure in text, figure
     assert f"at most {machines.READERS} connections" in text
     assert ipaddress.ip_address(machines.HOST).is_loopback  # whoever changes this adds a token to the buttons
     assert "eleven kinds" in text
-    assert len(message_filter._ORDINARY) + len(message_filter._LONG) == 11
+    assert len(message_filter._ORDINARY_MESSAGES) + len(message_filter._LONG_MESSAGES) == 11

@@ -155,7 +155,7 @@ def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were(visible):
 
 @pytest.mark.parametrize("along", [True, False])
 def test_a_turntable_turns_also_from_straight_above(along, monkeypatch):
-    monkeypatch.setattr(view_export, "TURN", 4)
+    monkeypatch.setattr(view_export, "TURNTABLE_PICTURES", 4)
     looks: list[tuple[np.ndarray, np.ndarray]] = []
 
     def get_render(height: int, width: int, *, wxyz, position, **_) -> np.ndarray:

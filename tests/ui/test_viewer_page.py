@@ -17,7 +17,7 @@ from made.headset_page import BLIND, WAIT, until
 from made.lanes import nightly
 from twin.core import spatial
 from twin.core.units import MM
-from twin.ui.session.display_meshes import looks
+from twin.ui.session.display_meshes import display_meshes
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read
 from twin.ui.session.trocars import rcm_at
@@ -463,7 +463,7 @@ def hit(look, x, y):
     found = []
     for body in movable.mechanism.bodies:
         T = movable.assembly.link_poses[body.name]
-        for vertices, triangles, *_ in looks(body):
+        for vertices, triangles, *_ in display_meshes(body):
             corners = (vertices @ T[:3, :3].T + T[:3, 3])[triangles]
             a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
             p = np.cross(ray, e2)
@@ -487,7 +487,9 @@ def seen(look, link):
     """Return a pixel (x, y) of the page at which a link is seen, in the middle of one of its largest triangles."""
     movable = look.front.active.movable
     T = movable.assembly.link_poses[link]
-    corners = np.concatenate([vertices[triangles] for vertices, triangles, *_ in looks(movable.mechanism.body(link))])
+    corners = np.concatenate(
+        [vertices[triangles] for vertices, triangles, *_ in display_meshes(movable.mechanism.body(link))]
+    )
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     for k in np.argsort(-area)[:60]:
         pixel = look.at(T[:3, :3] @ corners[k].mean(axis=0) + T[:3, 3])
@@ -547,7 +549,7 @@ def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
 
 
 def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
-    monkeypatch.setattr(view_export, "TURN", 4)
+    monkeypatch.setattr(view_export, "TURNTABLE_PICTURES", 4)
     gif = Image.open(io.BytesIO(view_export.turntable(sils.clients[0], "turn", lambda part: None)))
     assert gif.n_frames == 4
     frames = []
@@ -663,7 +665,7 @@ def test_a_link_to_our_page_lets_no_other_server_write_into_it(browser, query, m
             servers.stop(server)
 
     with monkeypatch.context() as patch:
-        patch.setattr(servers, "POLICY", "default-src * 'unsafe-inline' 'unsafe-eval' data: blob:")
+        patch.setattr(servers, "PAGE_POLICY", "default-src * 'unsafe-inline' 'unsafe-eval' data: blob:")
         unguarded = asks(WAIT)
     assert unguarded is not None
     assert asks(2.0 + 3 * unguarded) is None

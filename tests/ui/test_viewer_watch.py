@@ -123,7 +123,7 @@ def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(wa
     results = []
 
     def found():
-        watch._looked = -file_watch.POLL
+        watch._looked = -file_watch.POLL_PERIOD
         results.append(watch.poll(0.0))
         return results[-1] is not None
 

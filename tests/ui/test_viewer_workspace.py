@@ -113,7 +113,7 @@ def test_poses_begin_at_the_present_one_and_fill_the_box_evenly_from_the_start(s
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot"])
 def test_agrees_pose_by_pose_with_the_equations(name, monkeypatch):
-    monkeypatch.setattr(workspace_cloud, "CHUNK", 150)
+    monkeypatch.setattr(workspace_cloud, "POSES_PER_CHECK", 150)
     job, kin = home_job(name), twin.load(name).kinematics()
     points, condition, out = [], [], 0
     for T in poses(job, 0, job.count):

@@ -160,13 +160,13 @@ def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
         TwinError: the scene has no task of the name in --task.
     """
     from twin.simulation.session.session_run import task_of
-    from twin.ui.session.task_choice import FIXING, TaskChoice, judged
+    from twin.ui.session.task_choice import EXERCISE_OPTIONS, TaskChoice, judged
 
     tasks = judged(scene.tasks)
     present = _first_task(args, scene)
     if present is not None:
         tasks = {present: task_of(scene, present), **tasks}
-    for option in FIXING:  # options that belong to one task, as the file of its session
+    for option in EXERCISE_OPTIONS:  # options that belong to one task, as the file of its session
         if getattr(args, option) is not None:
             return None
     if not tasks or scene.trainer is not None:

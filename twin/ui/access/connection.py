@@ -18,20 +18,20 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Response
 
-from twin.ui.access.rate_limits import BYTES, FRAMES, Bucket, ConnectionCounter, counted_address
+from twin.ui.access.rate_limits import BYTE_LIMIT, FRAME_LIMIT, Bucket, ConnectionCounter, counted_address
 
 HEAD_SECONDS = 5.0
 """Maximum time in s between the start of a connection and the end of the HTTP request's head."""
 
-_HEAD_BYTES = 16_384
-_TARGET_BYTES = 2048
-_SLICE = 1024
+_MAX_HEAD_BYTES = 16_384
+_MAX_TARGET_BYTES = 2048
+_BYTES_PER_PARSE = 1024
 """Maximum number of bytes parsed before frames are counted again; one read may contain ten thousand small frames."""
 
-_UNSENT = 4096
+_MAX_UNSENT_BYTES = 4096
 """Maximum number of bytes queued in the kernel for sending, so that old frames do not delay the newest frame."""
 
-_REQUEST = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
+_REQUEST_LINE = re.compile(rb"([A-Z]{1,20}) (\S+) HTTP/1\.(\d)")
 
 
 class Connection(ServerConnection):
@@ -46,8 +46,8 @@ class Connection(ServerConnection):
     """
 
     counter: ClassVar[ConnectionCounter]
-    bytes: ClassVar[tuple[float, float]] = BYTES
-    frames: ClassVar[tuple[float, float]] = FRAMES
+    bytes: ClassVar[tuple[float, float]] = BYTE_LIMIT
+    frames: ClassVar[tuple[float, float]] = FRAME_LIMIT
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -104,8 +104,8 @@ class Connection(ServerConnection):
         if not self._bytes.take(time.monotonic(), len(data)):
             self.cut()
             return
-        for first in range(0, len(data), _SLICE):
-            super().data_received(data[first : first + _SLICE])
+        for first in range(0, len(data), _BYTES_PER_PARSE):
+            super().data_received(data[first : first + _BYTES_PER_PARSE])
             if self._refused:
                 return
 
@@ -141,11 +141,11 @@ class Connection(ServerConnection):
             self.transport.close()
 
     def limit_send_queue(self) -> None:
-        """Limit the kernel's send queue to `_UNSENT` bytes (Linux, macOS)."""
+        """Limit the kernel's send queue to `_MAX_UNSENT_BYTES` bytes (Linux, macOS)."""
         sock = self.transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if sock is not None and option is not None:
-            sock.setsockopt(socket.IPPROTO_TCP, option, _UNSENT)
+            sock.setsockopt(socket.IPPROTO_TCP, option, _MAX_UNSENT_BYTES)
 
     @property
     def waiting(self) -> int:
@@ -168,19 +168,19 @@ class Connection(ServerConnection):
         self._head += data
         head, end, body = self._head.partition(b"\r\n\r\n")
         line = head.partition(b"\r\n")[0]
-        if len(line) > _TARGET_BYTES + 100:
+        if len(line) > _MAX_TARGET_BYTES + 100:
             return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
-        if len(head) > _HEAD_BYTES:
+        if len(head) > _MAX_HEAD_BYTES:
             return self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
         if not end:
             return None
-        request_line = _REQUEST.fullmatch(line)
+        request_line = _REQUEST_LINE.fullmatch(line)
         if request_line is None:
             return self._refuse(HTTPStatus.BAD_REQUEST)
         method, target, minor = request_line.groups()
         if not target.startswith(b"/"):
             return self._refuse(HTTPStatus.BAD_REQUEST)
-        if len(target) > _TARGET_BYTES:
+        if len(target) > _MAX_TARGET_BYTES:
             return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
         if method not in (b"GET", b"HEAD"):
             return self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")

@@ -5,28 +5,28 @@ from __future__ import annotations
 import ipaddress
 from collections import OrderedDict
 
-SOCKETS, SOCKETS_OF_ONE = 128, 64
+MAX_CONNECTIONS, MAX_CONNECTIONS_OF_ADDRESS = 128, 64
 """Maximum number of simultaneous connections: in total, and from one address."""
 
-CLIENTS, CLIENTS_OF_ONE = 48, 32
+MAX_WEBSOCKETS, MAX_WEBSOCKETS_OF_ADDRESS = 48, 32
 """Maximum number of simultaneous WebSockets: in total, and from one address."""
 
-OPENINGS = (40.0, 160.0)
+OPENING_LIMIT = (40.0, 160.0)
 """Limit of new connections from one address: (per second, burst); a page needs few connections, as it has few files."""
 
-MESSAGES = (200.0, 400.0)
+MESSAGE_LIMIT = (200.0, 400.0)
 """Limit of messages from one client: (per second, burst); dragging sends 60 to 120 messages per second."""
 
-FRAMES = (300.0, 600.0)
+FRAME_LIMIT = (300.0, 600.0)
 """Limit of WebSocket frames from one client, including pings and fragments: (per second, burst)."""
 
-BYTES = (100_000.0, 200_000.0)
+BYTE_LIMIT = (100_000.0, 200_000.0)
 """Limit of bytes from one client after the handshake: (per second, burst)."""
 
-GARBAGE = (0.1, 5.0)
+MALFORMED_LIMIT = (0.1, 5.0)
 """Limit of malformed messages from one client: (per second, burst)."""
 
-ADDRESSES = 4096
+MAX_ADDRESSES = 4096
 """Maximum number of addresses with stored counts."""
 
 
@@ -58,8 +58,8 @@ class ConnectionCounter:
         of_one: maximum number of simultaneous WebSockets from one address.
     """
 
-    def __init__(self, clients: int = CLIENTS, of_one: int = CLIENTS_OF_ONE) -> None:
-        self._connections = _Count(SOCKETS, SOCKETS_OF_ONE)
+    def __init__(self, clients: int = MAX_WEBSOCKETS, of_one: int = MAX_WEBSOCKETS_OF_ADDRESS) -> None:
+        self._connections = _Count(MAX_CONNECTIONS, MAX_CONNECTIONS_OF_ADDRESS)
         self._clients = _Count(clients, of_one)
         self._openings: OrderedDict[str, Bucket] = OrderedDict()
 
@@ -67,9 +67,9 @@ class ConnectionCounter:
         """Return whether an address may open a connection at the time `now` in s; if so, count the connection."""
         bucket = self._openings.pop(address, None)
         if bucket is None:
-            bucket = Bucket(*OPENINGS, now)
+            bucket = Bucket(*OPENING_LIMIT, now)
         self._openings[address] = bucket  # at the end, so that the address that was silent longest is forgotten first
-        while len(self._openings) > ADDRESSES:
+        while len(self._openings) > MAX_ADDRESSES:
             self._openings.popitem(last=False)
         if not bucket.take(now):
             return False

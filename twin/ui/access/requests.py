@@ -16,7 +16,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from twin.ui.access.connection import Connection
-from twin.ui.access.rate_limits import BYTES, FRAMES, ConnectionCounter
+from twin.ui.access.rate_limits import BYTE_LIMIT, FRAME_LIMIT, ConnectionCounter
 from twin.ui.access.responses import File, error_response, file_response
 from twin.ui.access.rules import AccessRules
 
@@ -110,8 +110,8 @@ class WebSocketLimits:
     """
 
     longest: int
-    bytes: tuple[float, float] = BYTES
-    frames: tuple[float, float] = FRAMES
+    bytes: tuple[float, float] = BYTE_LIMIT
+    frames: tuple[float, float] = FRAME_LIMIT
     patience: float = 10.0
 
 

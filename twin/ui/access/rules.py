@@ -11,10 +11,10 @@ from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
-SESSIONS = 64
+MAX_SESSIONS = 64
 """Maximum number of sessions; if there are more, the oldest session becomes invalid."""
 
-_LOCAL = ("127.0.0.1", "localhost", "::1")
+_LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 
 
 def is_local(host: str) -> bool:
@@ -46,7 +46,7 @@ class AccessRules:
         # Browsers send the cookies of all ports of a host: the port in the name keeps several servers apart.
         self._cookie = f"twin_{port}"
         self._sessions: OrderedDict[str, None] = OrderedDict()
-        self._names = {*_LOCAL, host.lower()}
+        self._names = {*_LOCAL_HOSTS, host.lower()}
         if self.needs_token:
             machine = socket.gethostname().lower()
             self._names |= {machine, f"{machine}.local"}
@@ -103,7 +103,7 @@ class AccessRules:
             return None
         session = secrets.token_urlsafe(24)
         self._sessions[session] = None
-        while len(self._sessions) > SESSIONS:
+        while len(self._sessions) > MAX_SESSIONS:
             self._sessions.popitem(last=False)
         secure = "; Secure" if self._secure else ""
         return f"{self._cookie}={session}; Path=/; HttpOnly; SameSite=Strict{secure}"

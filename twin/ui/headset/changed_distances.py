@@ -8,7 +8,7 @@ from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
 from twin.ui.session.movable_robot import MovableRobot
 
-_RANGE = 0.25
+_MAX_CHANGE_FRACTION = 0.25
 """Largest change of a distance that a page offers, as a fraction of the distance as drawn."""
 
 
@@ -33,8 +33,8 @@ class ChangedDistances:
                 {
                     "name": f"{distance.body}: {distance.joint} to {distance.other}",
                     "drawn": drawn_distance,
-                    "lower": (1 - _RANGE) * drawn_distance,
-                    "upper": (1 + _RANGE) * drawn_distance,
+                    "lower": (1 - _MAX_CHANGE_FRACTION) * drawn_distance,
+                    "upper": (1 + _MAX_CHANGE_FRACTION) * drawn_distance,
                 }
             )
         return entries

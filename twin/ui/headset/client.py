@@ -14,13 +14,13 @@ from twin.ui.access.connection import Connection
 from twin.ui.access.rate_limits import Bucket
 from twin.ui.headset.client_messages import ClientMessage
 
-STALL = 10.0
+STALL_TIMEOUT = 10.0
 """Time in s after which a client that receives no data is disconnected."""
 
-_NEWEST = ("state", "target")
+_NEWEST_ONLY_KINDS = ("state", "target")
 """Kinds of documents for which only the newest document is queued for a client."""
 
-WAITING = 64
+MAX_QUEUED_DOCUMENTS = 64
 """Maximum number of documents queued for one client; the client is disconnected if there are more."""
 
 
@@ -77,7 +77,7 @@ class Client:
 
     def queue(self, kind: str, text: str) -> None:
         """Queue a document; a document of kind `state` or `target` replaces a queued document of the same kind."""
-        if kind in _NEWEST:
+        if kind in _NEWEST_ONLY_KINDS:
             for i, (waiting, _) in enumerate(self.documents):
                 if waiting == kind:
                     self.documents[i] = (kind, text)
@@ -97,6 +97,6 @@ class Client:
             self.stalled = None
         elif self.stalled is None:
             self.stalled = now
-        has_stalled = self.stalled is not None and now - self.stalled > STALL
-        if has_stalled or len(self.documents) > WAITING:
+        has_stalled = self.stalled is not None and now - self.stalled > STALL_TIMEOUT
+        if has_stalled or len(self.documents) > MAX_QUEUED_DOCUMENTS:
             ws.cut()

@@ -12,7 +12,7 @@ from pydantic_core import from_json
 from twin.core.errors import TwinError
 from twin.schema import first_mistake
 
-_LONGEST_ID = 40
+_MAX_ID_LENGTH = 40
 """Maximum number of characters of a message's identifier."""
 
 LONGEST_MESSAGE = 4096
@@ -55,7 +55,7 @@ def _is_unit(quaternion: Sequence[float], tolerance: float) -> bool:
 class _Message(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
-    id: Annotated[int, Field(ge=0, le=2**53)] | Annotated[str, Field(max_length=_LONGEST_ID)] | None = None
+    id: Annotated[int, Field(ge=0, le=2**53)] | Annotated[str, Field(max_length=_MAX_ID_LENGTH)] | None = None
 
 
 class _RobotMessage(_Message):
@@ -334,7 +334,7 @@ ClientMessage = (
 """Classes of all client messages."""
 
 
-_ADAPTER: TypeAdapter[ClientMessage] = TypeAdapter(Annotated[ClientMessage, Field(discriminator="type")])
+_MESSAGE_ADAPTER: TypeAdapter[ClientMessage] = TypeAdapter(Annotated[ClientMessage, Field(discriminator="type")])
 
 
 class RefusedError(TwinError):
@@ -363,7 +363,7 @@ def parse_message(text: str | bytes) -> ClientMessage:
     if len(text.encode(errors="surrogatepass")) > LONGEST_MESSAGE:
         raise RefusedError("invalid", f"the message is longer than {LONGEST_MESSAGE} bytes")
     try:
-        return _ADAPTER.validate_json(text)
+        return _MESSAGE_ADAPTER.validate_json(text)
     except ValidationError as error:
         field, problem = first_mistake(error)
         if field:
@@ -381,7 +381,7 @@ def _id(text: str) -> int | str | None:
         return None
     identifier = data.get("id")
     if isinstance(identifier, str):
-        return identifier[:_LONGEST_ID]
+        return identifier[:_MAX_ID_LENGTH]
     # a boolean is an int for isinstance
     if type(identifier) is int:
         return identifier

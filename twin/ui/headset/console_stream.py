@@ -44,29 +44,29 @@ from twin.ui.headset.client_messages import (
     ToolMessage,
     TrainingMessage,
 )
-from twin.ui.headset.deformable_packets import Bends
+from twin.ui.headset.deformable_packets import DeformablePackets
 from twin.ui.headset.description import numbers
 from twin.ui.headset.hand_inputs import receive_hands
 from twin.ui.headset.mqtt import ScaleTopic
-from twin.ui.headset.packet_socket import UDP, PacketHands
+from twin.ui.headset.packet_socket import UDP_OWNER, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.pose_packing import PosePacker
 from twin.ui.headset.ros.bridge import RosBridge
-from twin.ui.headset.ros.hands import ROS
+from twin.ui.headset.ros.hands import ROS_OWNER
 from twin.ui.headset.ros.topics import ConsoleTopics
-from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT_TICKS, pack_scene
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
-REPORT = "/report-{}.html"
+REPORT_PATH = "/report-{}.html"
 """URL path of the report of an attempt at a task; {} is the number of the attempt."""
 
-_PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+_REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
 
-DEVIATIONS = RATE / 20
+DEVIATION_TICKS = TICK_RATE / 20
 """Number of ticks between two documents `deviations`."""
 
 
@@ -78,8 +78,8 @@ class ConsoleStream(LiveConsole):
         alone: False: the stream is that of a scene, not of a single robot.
         version: version of the stream protocol.
         device: the input device, which receives the hand states of the owner.
-        owner: identifier of the client whose hands control the robots; `UDP` or `ROS` if UDP packets or clients of ROS
-            systems do; None: no owner.
+        owner: identifier of the client whose hands control the robots; `UDP_OWNER` or `ROS_OWNER` if UDP packets or
+            clients of ROS systems do; None: no owner.
         packets: receiver of UDP packets with hand states; None before `listen`.
         tablet: MQTT topic by which the motion scale is set; None before `connect`.
         ros: server for clients of ROS systems; None before `bridge`.
@@ -93,7 +93,7 @@ class ConsoleStream(LiveConsole):
 
     replays = False
     alone = False
-    version = wire.VERSION
+    version = wire.SCENE_VERSION
 
     def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
         """Create the World with the robots at the places of the scene.
@@ -111,7 +111,7 @@ class ConsoleStream(LiveConsole):
         self.files: dict[str, File] = {}
         super().__init__(loaded, exercise)
         self.send: Callable[[JsonObject], object] = lambda document: None
-        self._bends = Bends(self.feed)
+        self._bends = DeformablePackets(self.feed)
         self._bends.send = lambda document: self.send(document)
         bodies: dict[str, list[str]] = {}
         bases: dict[str, Array] = {}
@@ -120,12 +120,12 @@ class ConsoleStream(LiveConsole):
             bases[name] = self._places[name].T_world_base
         self._plans = PlanDocuments(self.planning, {name: bodies[name] for name in self.members})
         if self.objects:
-            bodies[wire.OBJECTS] = [item.name for item in self.objects]
-            bases[wire.OBJECTS] = np.eye(4)
+            bodies[wire.OBJECTS_PREFIX] = [item.name for item in self.objects]
+            bases[wire.OBJECTS_PREFIX] = np.eye(4)
         self._posed = PosePacker(bodies, bases)
         self._tick = -1.0
-        self._tick_of_frame = float(-HEARTBEAT)
-        self._tick_of_deviations = float(-DEVIATIONS)
+        self._tick_of_frame = float(-HEARTBEAT_TICKS)
+        self._tick_of_deviations = float(-DEVIATION_TICKS)
         self._seq = 0
         self._shown: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
@@ -245,14 +245,14 @@ class ConsoleStream(LiveConsole):
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Advance to a tick; return a frame if something has moved or `HEARTBEAT` ticks have passed, else None.
+        """Advance to a tick; return a frame if something has moved or `HEARTBEAT_TICKS` ticks have passed, else None.
 
         `tick` is in units of 1 / RATE s and may have a fraction; `server_time` is the time of the frame in s on the
         monotonic clock.
         """
         passed = 0.0
         if self._tick >= 0:
-            passed = (tick - self._tick) / RATE
+            passed = (tick - self._tick) / TICK_RATE
         self._tick = tick
         if self.topics is not None:
             self.topics.before_frame(passed)
@@ -275,7 +275,7 @@ class ConsoleStream(LiveConsole):
             self._look()
         self._bends.follow(lambda: self._links, passed, self.world.t)
         bends = self._bends.packed
-        if not has_moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT:
+        if not has_moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT_TICKS:
             return None
         self._tick_of_frame = tick
         self._sent_bends = bends
@@ -300,7 +300,7 @@ class ConsoleStream(LiveConsole):
 
     def _send_deviations(self, tick: float) -> None:
         """Send the deviations of the machines from their models to all clients, 20 times a second."""
-        if self.machines is None or tick < self._tick_of_deviations + DEVIATIONS:
+        if self.machines is None or tick < self._tick_of_deviations + DEVIATION_TICKS:
             return
         self._tick_of_deviations = tick
         robots = {}
@@ -314,7 +314,7 @@ class ConsoleStream(LiveConsole):
 
     @property
     def _chunk(self) -> int:
-        if self.owner in (UDP, ROS):
+        if self.owner in (UDP_OWNER, ROS_OWNER):
             return 1  # a force acts for one step
         return super()._chunk
 
@@ -338,7 +338,7 @@ class ConsoleStream(LiveConsole):
         """Read the poses of links and movable objects."""
         self._links = self.world.link_poses()
         objects = {item.name: self._links[item.name][item.name] for item in self.objects}
-        self._posed.look({**self._links, wire.OBJECTS: objects})
+        self._posed.look({**self._links, wire.OBJECTS_PREFIX: objects})
 
     def _publish(self) -> None:
         """Add the newest report to `files`."""
@@ -346,9 +346,9 @@ class ConsoleStream(LiveConsole):
         if report is None:
             return
         number, html, _ = report
-        path = REPORT.format(number)
+        path = REPORT_PATH.format(number)
         if html is not None and path not in self.files:
-            self.files[path] = File(html, "text/html; charset=utf-8", policy=_PAPER)
+            self.files[path] = File(html, "text/html; charset=utf-8", policy=_REPORT_POLICY)
 
     # -- requests of clients --------------------------------------------------------------------------
 

@@ -13,10 +13,10 @@ from twin.core.spatial import Array
 from twin.ui.headset.scene_frame import pack_field
 from twin.ui.session.deformable_feed import Feed, FollowingFeed, vertices_of
 
-_NOTHING = pack_field(np.zeros((0, 3)))
+_EMPTY_FIELD = pack_field(np.zeros((0, 3)))
 
 
-class Bends:
+class DeformablePackets:
     """Deformables (fields) of a scene, packed for frames; an error in a deformable does not stop the robots.
 
     Attributes:
@@ -62,7 +62,7 @@ class Bends:
         """Pack the deformables at a time in s. A field with an error gets no vertices; the first error is reported."""
         if self.feed is None:
             return
-        fields = dict.fromkeys(self.feed.surfaces, _NOTHING)
+        fields = dict.fromkeys(self.feed.surfaces, _EMPTY_FIELD)
         try:
             frame = self.feed.at(t)
             for name, surface in self.feed.surfaces.items():

@@ -12,10 +12,10 @@ from twin.ui.headset import stream_frames as wire
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Playback
 
-_CHUNK = 8
+_SAMPLES_PER_JOB = 8
 """Number of samples that one job of the worker solves."""
 
-_PATIENCE = 10
+_PAUSE_FACTOR = 10
 """Pause after a pose without a solution, as a multiple of the time spent on this pose; drags can run meanwhile."""
 
 
@@ -94,7 +94,7 @@ class Ghost:
         if track is None or playback is None or kin is None or self._solved >= len(track):
             return False
         # a sample without a solution is slow: with several of them in one job, a drag would wait
-        count = 1 if self._failures else _CHUNK
+        count = 1 if self._failures else _SAMPLES_PER_JOB
         rows = slice(self._solved, self._solved + count)
         try:
             Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
@@ -135,5 +135,5 @@ class Ghost:
             return wire.sevens(self._kin.forward(assembly.q, assembly.T_base_tool))
         except KinematicsError:
             end = time.monotonic()
-            self._next = end + _PATIENCE * (end - start)
+            self._next = end + _PAUSE_FACTOR * (end - start)
             return None

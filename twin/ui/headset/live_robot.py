@@ -42,13 +42,13 @@ from twin.ui.headset.state_document import reading_entries, trocar_entries
 from twin.ui.headset.streamed_playback import StreamedPlayback, path_document
 from twin.ui.session import readings
 from twin.ui.session.driven_machine import DrivenMachine
-from twin.ui.session.movable_robot import UNDOS, MovableRobot, MoveResult, start_of
+from twin.ui.session.movable_robot import MAX_UNDOS, MovableRobot, MoveResult, start_of
 from twin.ui.session.patient import Patient
 from twin.ui.session.readings import RobotReading
-from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
+from twin.ui.session.timeline import TICK_RATE, Clock, Planner, Playback, protocols_of
 from twin.ui.session.trocars import rcm_at
 
-LOOK = 6
+READING_TICKS = 6
 """Number of ticks between two readings."""
 
 
@@ -114,7 +114,7 @@ class LiveRobot:
         self._reading: RobotReading | None = None
         self._failed = ""
         self._tick = -1.0
-        self._tick_of_reading = -float(LOOK)
+        self._tick_of_reading = -float(READING_TICKS)
         self._tick_of_move = -1.0
         self._wish: Callable[[], MoveResult] | None = None
         self._shown = self._of(self.movable.assembly, None)
@@ -181,8 +181,8 @@ class LiveRobot:
             self._move(lambda: self.movable.move_joints(at))
 
     def look(self) -> None:
-        """Update the readings every `LOOK` ticks, and send new workspace points."""
-        if self._tick - self._tick_of_reading >= LOOK:
+        """Update the readings every `READING_TICKS` ticks, and send new workspace points."""
+        if self._tick - self._tick_of_reading >= READING_TICKS:
             self._tick_of_reading = self._tick
             self._look()
         for document in self._reach.poll():
@@ -248,10 +248,10 @@ class LiveRobot:
         """Flags of the present frame: `wire.GHOST`, `wire.PLAYING`, `wire.REFUSED`, `wire.HELD`."""
         shown = self._shown
         return (
-            wire.GHOST * (shown.ghost is not None)
-            | wire.PLAYING * self.clock.playing
-            | wire.REFUSED * bool(shown.reason or self._machine_problem)
-            | wire.HELD * (self._hold is not None)
+            wire.GHOST_FLAG * (shown.ghost is not None)
+            | wire.PLAYING_FLAG * self.clock.playing
+            | wire.REFUSED_FLAG * bool(shown.reason or self._machine_problem)
+            | wire.HELD_FLAG * (self._hold is not None)
         )
 
     # -- requests of clients --------------------------------------------------------------------------
@@ -323,7 +323,7 @@ class LiveRobot:
 
     def _grab(self, client: str, message: GrabMessage) -> None:
         hold = hold_of(client, message, self.movable)
-        self._before = [*self._before[1 - UNDOS :], np.array(self._shown.q, float)]
+        self._before = [*self._before[1 - MAX_UNDOS :], np.array(self._shown.q, float)]
         self._leave_protocol()
         if hold.target != "tool":
             self._worker.ask("prepare", self.movable.solver.prepare, lambda _: None)
@@ -469,7 +469,7 @@ class LiveRobot:
         if streamed is None:
             return
         self.opening = False
-        k = int(np.clip(round(self.clock.time * RATE), 0, len(streamed.playback.t) - 1))
+        k = int(np.clip(round(self.clock.time * TICK_RATE), 0, len(streamed.playback.t) - 1))
         self._wish = None
         self._worker.drop("move")
         if self.movable.edited:  # the stored link poses are those of the robot as it was loaded

@@ -20,11 +20,11 @@ from twin.ui.headset.client_messages import (
     SeekMessage,
     SpeedMessage,
 )
-from twin.ui.headset.deformable_packets import Bends
+from twin.ui.headset.deformable_packets import DeformablePackets
 from twin.ui.headset.live_robot import LiveRobot
-from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT_TICKS, pack_scene
 from twin.ui.session.deformable_feed import Feed
-from twin.ui.session.timeline import RATE, Clock
+from twin.ui.session.timeline import TICK_RATE, Clock
 
 
 class LiveScene:
@@ -46,12 +46,12 @@ class LiveScene:
         self.twins = {t.name: t for t in twins}
         self.clock = clock
         self.feed = feed
-        self._bends = Bends(feed)
+        self._bends = DeformablePackets(feed)
         self.send: Callable[[JsonObject], object] = lambda document: None
         self._bends.send = lambda document: self.send(document)
         self.alone = feed is None and len(twins) == 1 and twins[0].place is None
         self._tick = -1.0
-        self._tick_of_frame = -float(HEARTBEAT)
+        self._tick_of_frame = -float(HEARTBEAT_TICKS)
         self._seq = 0
         self._sent_key: tuple[Any, ...] = ()
         for twin in twins:
@@ -63,8 +63,8 @@ class LiveScene:
     def version(self) -> int:
         """Version of the stream protocol."""
         if self.alone:
-            return wire.ALONE
-        return wire.VERSION
+            return wire.ROBOT_VERSION
+        return wire.SCENE_VERSION
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -95,13 +95,13 @@ class LiveScene:
     # -- time -----------------------------------------------------------------------------------------
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Advance to a tick; return a frame if something changed or `HEARTBEAT` ticks have passed, else None.
+        """Advance to a tick; return a frame if something changed or `HEARTBEAT_TICKS` ticks have passed, else None.
 
         Args:
             tick: number of the tick, from 0; a tick takes 1 / RATE s; ticks may be skipped.
             server_time: time of the frame in s on the monotonic clock.
         """
-        passed = (tick - self._tick) / RATE if self._tick >= 0 else 0.0
+        passed = (tick - self._tick) / TICK_RATE if self._tick >= 0 else 0.0
         self._tick = tick
         twins = tuple(self.twins.values())
         for twin in twins:
@@ -114,7 +114,7 @@ class LiveScene:
         self._bends.follow(self._links, passed, self.clock.time)
         contents = [twin.content_key for twin in twins]
         key = (*contents, self._bends.packed)
-        if key == self._sent_key and tick - self._tick_of_frame < HEARTBEAT:
+        if key == self._sent_key and tick - self._tick_of_frame < HEARTBEAT_TICKS:
             return None
         self._sent_key = key
         self._tick_of_frame = tick
@@ -127,7 +127,7 @@ class LiveScene:
             is_held = is_held or twin.holder is not None
         if self.alone:
             return robots[0]
-        flags = wire.PLAYING * self.clock.playing | wire.HELD * is_held
+        flags = wire.PLAYING_FLAG * self.clock.playing | wire.HELD_FLAG * is_held
         return pack_scene(seq, server_time, self.clock.time, flags, robots, self._bends.packed)
 
     def _links(self) -> dict[str, dict[str, Array]]:

@@ -11,9 +11,9 @@ from twin.core.spatial import Array
 from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError, ReleaseMessage
-from twin.ui.headset.console_stream import DEVIATIONS
+from twin.ui.headset.console_stream import DEVIATION_TICKS
 from twin.ui.headset.pose_packing import PosePacker
-from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT_TICKS, pack_scene
 from twin.ui.session.mirror import Mirror
 
 
@@ -27,7 +27,7 @@ class MirroredMachine:
 
     replays = False
     alone = False
-    version = wire.VERSION
+    version = wire.SCENE_VERSION
 
     def __init__(self, mirror: Mirror) -> None:
         """Show the robot of a mirror."""
@@ -37,8 +37,8 @@ class MirroredMachine:
         robots = (mirror.name, mirror.ghost)
         self._posed = PosePacker(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
         self._seq = 0
-        self._tick_of_frame = float(-HEARTBEAT)
-        self._tick_of_deviations = float(-DEVIATIONS)
+        self._tick_of_frame = float(-HEARTBEAT_TICKS)
+        self._tick_of_deviations = float(-DEVIATION_TICKS)
         self._shown: Array | None = None
 
     @property
@@ -67,10 +67,10 @@ class MirroredMachine:
         self.mirror.close()
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
-        """Read the newest state; return a frame if a joint has moved or `HEARTBEAT` ticks have passed, else None."""
+        """Read the newest state; return a frame if a joint has moved or after `HEARTBEAT_TICKS` ticks, else None."""
         mirror = self.mirror
         mirror.step()
-        if tick >= self._tick_of_deviations + DEVIATIONS:
+        if tick >= self._tick_of_deviations + DEVIATION_TICKS:
             self._tick_of_deviations = tick
             deviation = mirror.deviation
             joints = np.round(deviation["joints"], 6).tolist()
@@ -79,7 +79,11 @@ class MirroredMachine:
         signals = mirror.world.signals
         values = [signals[ROBOT_Q.of(name)] for name in self._posed.bodies]
         row = np.concatenate(values)
-        if self._shown is not None and np.array_equal(row, self._shown) and tick - self._tick_of_frame < HEARTBEAT:
+        if (
+            self._shown is not None
+            and np.array_equal(row, self._shown)
+            and tick - self._tick_of_frame < HEARTBEAT_TICKS
+        ):
             return None
         self._shown = row
         self._tick_of_frame = tick

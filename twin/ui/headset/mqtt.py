@@ -23,7 +23,7 @@ from twin.ui.headset.problem_reports import ProblemReports
 if TYPE_CHECKING:
     from aiomqtt import Client, Message
 
-_RETRY = 2.0
+_RETRY_PAUSE = 2.0
 """Pause in s between two attempts to connect."""
 
 _TIMEOUT = 5.0
@@ -32,16 +32,16 @@ _TIMEOUT = 5.0
 _KEEPALIVE = 10
 """Keep-alive interval in s."""
 
-_AT_ONCE = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
+_NO_DELAY = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
 """Socket option to send small messages at once; without it, TCP can delay a message by 40 ms."""
 
-_QUIET = 1.0
+_REPORT_PAUSE = 1.0
 """Time in s after an invalid payload during which further ones are not reported."""
 
-_SHOWN = 40
+_MAX_SHOWN_BYTES = 40
 """Maximum number of bytes of a payload that a report shows."""
 
-_LONGEST = 200
+_MAX_TOPIC_LENGTH = 200
 """Maximum number of characters of a topic."""
 
 
@@ -78,17 +78,17 @@ class ScaleTopic:
         """
         # + and # are wildcards of subscriptions, and MQTT forbids the null character.
         has_forbidden = bool(set(topic) & set("+#\0"))
-        if not 0 < len(topic) <= _LONGEST or has_forbidden or topic != topic.strip("/ "):
+        if not 0 < len(topic) <= _MAX_TOPIC_LENGTH or has_forbidden or topic != topic.strip("/ "):
             raise TwinError(
-                f"--mqtt-topic {topic!r} is not a valid topic: use 1 to {_LONGEST} characters without + and #, and "
-                "without / or space at the ends"
+                f"--mqtt-topic {topic!r} is not a valid topic: use 1 to {_MAX_TOPIC_LENGTH} characters without + and "
+                "#, and without / or space at the ends"
             )
         self._mqtt = require("aiomqtt", "--mqtt")
         self.broker = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self.topic = topic
         self.connected = False
         self.problem: str | None = None
-        self.reports = ProblemReports(_QUIET)
+        self.reports = ProblemReports(_REPORT_PAUSE)
         self._host = host
         self._port = port
         self._limits = limits
@@ -124,14 +124,14 @@ class ScaleTopic:
                     what = f"cannot be reached ({errors.exceptions[0]})"
                 self.problem = (
                     f"MQTT broker {self.broker} {what}: the motion scale stays {self._scale:g}; trying again every "
-                    f"{_RETRY:g} s"
+                    f"{_RETRY_PAUSE:g} s"
                 )
                 # Of the attempts in succession that fail, only the first is reported.
                 if self.connected or not was_disconnected:
                     self.reports.tell(self.problem)
                 self.connected = False
                 was_disconnected = True
-            await asyncio.sleep(_RETRY)
+            await asyncio.sleep(_RETRY_PAUSE)
 
     async def _subscribe(self, client: Client) -> None:
         """Subscribe to the topic of new scales; raise the library's error if the broker rejects the subscription."""
@@ -166,7 +166,7 @@ class ScaleTopic:
             will=will,
             timeout=_TIMEOUT,
             keepalive=_KEEPALIVE,
-            socket_options=_AT_ONCE,
+            socket_options=_NO_DELAY,
             logger=quiet,
         )
 
@@ -209,7 +209,7 @@ class ScaleTopic:
             payload = message.payload
         scale = _number(payload)
         if scale is None:
-            text = payload[:_SHOWN].decode("utf-8", "replace")
+            text = payload[:_MAX_SHOWN_BYTES].decode("utf-8", "replace")
             raise TwinError(f"{text!r} is not a number; send {low:g} to {high:g}")
         if not low <= scale <= high:  # also true for NaN
             raise TwinError(f"{scale:g} is outside {low:g} to {high:g}")

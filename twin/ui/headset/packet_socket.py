@@ -20,16 +20,16 @@ from twin.simulation.world import Signals
 from twin.simulation.world.signal_kinds import DEVICE_IGNORED, HAND_LOST
 from twin.ui.headset.problem_reports import ProblemReports
 
-UDP = "udp"
+UDP_OWNER = "udp"
 """Identifier of the owner of the hands if UDP packets move them; the identifiers of clients are c1, c2, ..."""
 
-_MOST = 256
+_MAX_WAITING_PACKETS = 256
 """Maximum number of waiting packets; a flood of packets then does not delay the ticks."""
 
-_QUIET = 5.0
+_REPORT_PAUSE = 5.0
 """Time in s after a problem during which further problems of the same kind are not reported."""
 
-_SILENT = 5.0
+_SILENCE_TIMEOUT = 5.0
 """Time in s without a packet after which the packets no longer own the hands."""
 
 Address = tuple[str, int]
@@ -60,7 +60,7 @@ class PacketSocket:
         self.device = device
         self.refused = 0
         self.holder: str | None = None
-        self.reports = ProblemReports(_QUIET)
+        self.reports = ProblemReports(_REPORT_PAUSE)
         # Of each hand that was moved: the address that controls it, and the time in s of its last packet.
         self._owners: dict[int, tuple[Address, float]] = {}
         self._waiting: deque[tuple[bytes, Address]] = deque()
@@ -84,7 +84,7 @@ class PacketSocket:
         The ticks of a frame may be computed in several groups; `parts` is the number of remaining groups, including
         this one. Each call passes 1 / `parts` of the waiting packets, so that the hands move in every group.
         """
-        while len(self._waiting) < _MOST:
+        while len(self._waiting) < _MAX_WAITING_PACKETS:
             try:
                 # One byte more than a packet has: a longer packet is then seen to be too long.
                 packet = self._socket.recvfrom(HAND.size + 1)
@@ -189,8 +189,8 @@ class PacketHands:
         self.socket.reports.tell = tell
 
     def silent(self, t: float) -> bool:
-        """Return whether no packet was accepted in the last `_SILENT` s before time t in s."""
-        return t - self.socket.heard > _SILENT
+        """Return whether no packet was accepted in the last `_SILENCE_TIMEOUT` s before time t in s."""
+        return t - self.socket.heard > _SILENCE_TIMEOUT
 
     def answer(self, forces: Sequence[Array], t: float) -> None:
         """Send each hand its force (3,) in N, in the axes of the endoscope's picture {H}, at time t in s."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.ui.headset.stream_frames import floats, sevens
-from twin.ui.session.plan_jobs import SHOWN
+from twin.ui.session.plan_jobs import PREVIEW_PERIOD
 from twin.ui.session.plan_mode import PlanMode, Preview
 from twin.ui.session.plan_view import curve
 
@@ -69,7 +69,15 @@ class PlanDocuments:
     def _plan(self, preview: Preview | None) -> JsonObject:
         robot = self._mode.robot
         if preview is None:
-            return {"type": "plan", "robot": robot, "poses": "", "tip": "", "tree": "", "every": SHOWN, "duration": 0.0}
+            return {
+                "type": "plan",
+                "robot": robot,
+                "poses": "",
+                "tip": "",
+                "tree": "",
+                "every": PREVIEW_PERIOD,
+                "duration": 0.0,
+            }
         motion = preview.motion
         columns = [motion.links.index(name) for name in self._bodies[robot]]
         stride = max(1, len(motion.Ts) // 200)
@@ -79,7 +87,7 @@ class PlanDocuments:
             "poses": floats(_sevens(motion.shown[:, columns])),
             "tip": floats(motion.Ts[::stride, :3, 3]),
             "tree": floats(motion.tree),
-            "every": SHOWN,
+            "every": PREVIEW_PERIOD,
             "duration": motion.duration,
         }
 

@@ -10,14 +10,14 @@ from twin.ui.headset.stream_frames import floats
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.workspace_cloud import Cloud, job_of
 
-POSES = 100_000
+POSE_COUNT = 100_000
 """Number of evaluated poses."""
 
-_MOST = 4000
+_MAX_POINTS_PER_DOCUMENT = 4000
 """Maximum number of points in one document, so that headsets can draw the points in time."""
 
 
-_ARM = 0.5
+_DEFAULT_SIZE = 0.5
 """Size in m that stands for a robot without meshes."""
 
 
@@ -60,7 +60,7 @@ class ReachablePoints:
                 "refused", f"{movable.robot.name} has no closed-form inverse: computing its workspace takes too long"
             )
         self.on = True
-        job = job_of(movable, self._source, 0.5 * self._size, POSES)
+        job = job_of(movable, self._source, 0.5 * self._size, POSE_COUNT)
         self._cloud.start(job)
 
     def poll(self) -> list[JsonObject]:
@@ -78,7 +78,7 @@ class ReachablePoints:
             self.on = False
             return [{"type": "error", "code": "failed", "message": chunk.error[:500]}]
         # rounded up, so that no document exceeds the maximum
-        step = max(1, -(-len(chunk.points) // _MOST))
+        step = max(1, -(-len(chunk.points) // _MAX_POINTS_PER_DOCUMENT))
         points, values = chunk.points[::step], chunk.condition[::step]
         document = {
             "type": "cloud",
@@ -92,10 +92,10 @@ class ReachablePoints:
 
 
 def _largest_mesh(movable: MovableRobot) -> float:
-    """Return the diagonal in m of the box around the largest mesh of a robot; `_ARM` if it has no meshes."""
+    """Return the diagonal in m of the box around the largest mesh of a robot; `_DEFAULT_SIZE` if it has no meshes."""
     diagonals = []
     for body in movable.mechanism.bodies:
         for mesh in body.meshes:
             extent = np.ptp(mesh.vertices, axis=0)
             diagonals.append(float(np.linalg.norm(extent)))
-    return max(diagonals, default=_ARM)
+    return max(diagonals, default=_DEFAULT_SIZE)

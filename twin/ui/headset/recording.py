@@ -17,7 +17,7 @@ from twin.core.assets import atomic_folder
 from twin.core.json_types import JsonObject
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 MAX_DURATION = 30 * 60
 """Maximum duration in s of a recording; one second has up to 60 frames of about 1 kB each."""
@@ -83,7 +83,7 @@ class StreamRecording:
         model_hash: str,
         links: tuple[str, ...],
         joints: tuple[str, ...],
-        version: int = wire.ALONE,
+        version: int = wire.ROBOT_VERSION,
     ) -> None:
         """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, `links` are its links."""
         self.path = Path(path)
@@ -97,7 +97,7 @@ class StreamRecording:
             "model_hash": model_hash,
             "links": list(links),
             "joints": list(joints),
-            "rate": RATE,
+            "rate": TICK_RATE,
         }
         self.running = False
         self.begin(0)
@@ -134,7 +134,7 @@ class StreamRecording:
         """Return whether the recording has reached its maximum duration or size."""
         if not self.running:
             return False
-        duration = (tick - self._sent.first_tick) / RATE
+        duration = (tick - self._sent.first_tick) / TICK_RATE
         return duration > MAX_DURATION or self._sent.size > MAX_SIZE
 
     def add_document(self, tick: int, document: JsonObject) -> None:

@@ -17,7 +17,7 @@ from twin.schema import Table, first_mistake
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, PlayMessage, RefusedError, SeekMessage
 from twin.ui.headset.scene_frame import unpack_scene
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
 
 class _Request(Table):
@@ -43,7 +43,7 @@ class _File(Table):
     model_hash: str
     links: list[str]
     joints: list[str]
-    rate: Annotated[float, Field(ge=RATE, le=RATE)]  # ticks in 1/s: the server plays at its own rate
+    rate: Annotated[float, Field(ge=TICK_RATE, le=TICK_RATE)]  # ticks in 1/s: the server plays at its own rate
     requests: list[_Request]
     documents: list[_Document]
     frames: Annotated[list[_Frame], Field(min_length=1)]
@@ -86,7 +86,7 @@ class Replay:
                 way_out = "record it again"
             raise TwinError(f"{path}: the session is {what}, not of the present '{robot}': {way_out}")
         self._frames: dict[int, bytes] = {}
-        unpack = wire.unpack if file.version == wire.ALONE else unpack_scene
+        unpack = wire.unpack if file.version == wire.ROBOT_VERSION else unpack_scene
         try:
             for entry in file.frames:
                 self._frames[entry.tick] = base64.b64decode(entry.frame, validate=True)
@@ -128,7 +128,7 @@ class Replay:
 
     def state(self) -> JsonObject:
         """Return the last played document `state`, with an additional entry `replay` (time and duration in s)."""
-        return {**self._state, "replay": {"time": max(self._at, 0) / RATE, "duration": self.last / RATE}}
+        return {**self._state, "replay": {"time": max(self._at, 0) / TICK_RATE, "duration": self.last / TICK_RATE}}
 
     def welcome(self) -> list[JsonObject]:
         """Start the replay if this is the first client; return the last played document `path` of each robot."""
@@ -152,7 +152,7 @@ class Replay:
                 self._at = -1
             self._running = message.on
         elif isinstance(message, SeekMessage):
-            self._at = min(int(message.t * RATE), self.last) - 1
+            self._at = min(int(message.t * TICK_RATE), self.last) - 1
             self._state, self._others = {"type": "state"}, {}
             for tick in sorted(t for t in self._documents if t <= self._at):
                 self._play(tick)

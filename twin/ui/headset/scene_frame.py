@@ -19,13 +19,13 @@ from twin.ui.headset import stream_frames as wire
 MAGIC = 0x324E5754
 """First four bytes of a scene's frame: "TWN2"."""
 
-VERTICES = 1 << 16
+MAX_VERTICES = 1 << 16
 """Maximum number of vertices in a field."""
 
-LEVELS = 65535
+QUANTISATION_STEPS = 65535
 """Number of quantisation steps along an edge of the bounding box."""
 
-HEARTBEAT = 6
+HEARTBEAT_TICKS = 6
 """Number of ticks, of 1 / `timeline.RATE` s, after which a stream sends a frame even if nothing has moved."""
 
 _HEADER = struct.Struct("<IIddHHI")
@@ -68,16 +68,18 @@ def pack_field(vertices: Array) -> bytes:
         TwinError: there are too many vertices.
     """
     v = np.asarray(vertices, float).reshape(-1, 3)
-    if len(v) > VERTICES:
-        raise TwinError(f"a deformable of {len(v)} vertices exceeds the maximum of {VERTICES}: send a coarser surface")
+    if len(v) > MAX_VERTICES:
+        raise TwinError(
+            f"a deformable of {len(v)} vertices exceeds the maximum of {MAX_VERTICES}: send a coarser surface"
+        )
     low = np.zeros(3, "<f4")
     step = np.zeros(3, "<f4")
     if len(v):
         low = v.min(axis=0).astype("<f4")
         # the largest value is quantised from the rounded `low`, from which a client computes it back
-        step = ((v.max(axis=0) - low) / LEVELS).astype("<f4")
+        step = ((v.max(axis=0) - low) / QUANTISATION_STEPS).astype("<f4")
     parts = np.divide(v - low, step, out=np.zeros_like(v), where=step > 0)
-    levels = np.clip(np.rint(parts), 0, LEVELS).astype("<u2").tobytes()
+    levels = np.clip(np.rint(parts), 0, QUANTISATION_STEPS).astype("<u2").tobytes()
     return _BOX.pack(len(v), *low.tolist(), *step.tolist()) + levels + bytes(-len(levels) % 4)
 
 
@@ -105,7 +107,7 @@ def unpack_scene(data: bytes) -> SceneFrame:
         n, *box = _BOX.unpack_from(data, at)
         at += _BOX.size
         end = at + 6 * n + (-6 * n) % 4
-        if n > VERTICES or len(data) < end:
+        if n > MAX_VERTICES or len(data) < end:
             raise TwinError(f"frame of a scene: {len(data)} bytes; field {field} with {n} vertices ends at byte {end}")
         levels = np.frombuffer(data, "<u2", 3 * n, at).reshape(n, 3)
         low = np.array(box[:3], np.float32)

@@ -18,8 +18,8 @@ from twin.ui.access.responses import File
 from twin.ui.headset import server_files
 from twin.ui.session.drawn_parts import DrawnCable, DrawnParts, drawn_parts, person
 
-_FILE = "drawn.glb"
-_PERSON = "person.glb"
+_DRAWN_FILE = "drawn.glb"
+_PERSON_FILE = "person.glb"
 
 Owner = str | None
 """Name of a robot; None: the scene."""
@@ -84,13 +84,13 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
             finishes.append({"body": finish.body, "color": list(finish.color), "pattern": finish.pattern})
     figure = person()
     standing = [body for _, _, body in figure.bodies()]
-    contents = server_files.glb_file(_PERSON, _glb("person", standing))
-    entries: JsonObject = {"person": {"file": _PERSON, "note": figure.note}}
+    contents = server_files.glb_file(_PERSON_FILE, _glb("person", standing))
+    entries: JsonObject = {"person": {"file": _PERSON_FILE, "note": figure.note}}
     if parts:
         if bodies:
-            contents |= server_files.glb_file(_FILE, _glb("drawn", bodies))
+            contents |= server_files.glb_file(_DRAWN_FILE, _glb("drawn", bodies))
         entries["drawn"] = {
-            "file": _FILE if bodies else None,
+            "file": _DRAWN_FILE if bodies else None,
             "notes": notes,
             "parts": nodes,
             "cables": cables,

@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from twin.ui.headset.mirrored_machine import MirroredMachine
     from twin.ui.session.mirror import Mirror
 
-_ROBOTS = "robots/{}/"
+_ROBOT_FOLDER = "robots/{}/"
 """URL path of the folder with the files of a robot in a scene; {} is the name of the robot's place."""
 
-_PROPS = "props.glb"
-_OBJECTS = "objects.glb"
+_PROPS_FILE = "props.glb"
+_OBJECTS_FILE = "objects.glb"
 
 _FOLLOWS = {"protocols": [], "variants": [], "postures": [], "distances": [], "has_workspace": False}
 """Entries of robot.json that a robot lacks if clients cannot move it alone."""
@@ -187,7 +187,7 @@ def of_mirror(mirror: Mirror) -> ServedContent:
     robots = []
     preload = []
     for name in (mirror.name, mirror.ghost):
-        folder = _ROBOTS.format(name)
+        folder = _ROBOT_FOLDER.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
         about = describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS
         files |= server_files.robot_files(glb, about, folder)
@@ -209,7 +209,7 @@ def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequenc
     robots = []
     preload = []
     for place, about_robot in zip(scene.places, about, strict=True):
-        folder = _ROBOTS.format(place.name)
+        folder = _ROBOT_FOLDER.format(place.name)
         files |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
         robots.append({**about_robot, "files": folder, "ports": _ports(place)})
         preload.append(f"{folder}robot.glb")
@@ -229,15 +229,15 @@ def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequenc
         if machines is not None:
             described["machines"] = machines
         if live.objects:
-            files |= server_files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
-            described["objects"] = {"file": _OBJECTS, "names": [item.name for item in live.objects]}
+            files |= server_files.glb_file(_OBJECTS_FILE, glb_bytes(together(live.objects, wire.OBJECTS_PREFIX)))
+            described["objects"] = {"file": _OBJECTS_FILE, "names": [item.name for item in live.objects]}
     props = loaded.props
     if props is not None:
         glb = glb_bytes(props)
-        files |= server_files.glb_file(_PROPS, glb)
+        files |= server_files.glb_file(_PROPS_FILE, glb)
         digest = hashlib.sha256(glb).hexdigest()
-        described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
-        preload.append(_PROPS)
+        described["props"] = {"name": props.name, "file": _PROPS_FILE, "sha256": digest}
+        preload.append(_PROPS_FILE)
     described["model_hash"] = _hash_of(described)
     # what is only drawn does not change the hash of the geometry
     solid = {place.name: loaded.robots[place.name] for place in scene.places if not place.name.endswith(MODEL)}

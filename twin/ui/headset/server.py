@@ -17,7 +17,7 @@ from websockets.http11 import Request, Response
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
-from twin.ui.access.rate_limits import GARBAGE, MESSAGES, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import MALFORMED_LIMIT, MESSAGE_LIMIT, Bucket, ConnectionCounter
 from twin.ui.access.requests import (
     WebSocketLimits,
     check_request,
@@ -41,24 +41,24 @@ from twin.ui.headset.client_messages import (
     parse_message,
 )
 from twin.ui.headset.recording import StreamRecording
-from twin.ui.session.timeline import RATE
+from twin.ui.session.timeline import TICK_RATE
 
-STATE = 6
+STATE_TICKS = 6
 """Number of ticks between two `state` documents."""
 
-GAP = 0.004
+MIN_FRAME_GAP = 0.004
 """Minimum time in s between two frames; after a message `hands`, a frame may also be sent between two ticks."""
 
-SHORT_GAP = 0.001
+SHORT_FRAME_GAP = 0.001
 """Minimum time in s between two frames after a message to another server, whose programs send 500 per second."""
 
-SILENCE = 5.0
+SILENCE_TIMEOUT = 5.0
 """Time in s since the last message of a client after which its grab is released."""
 
-GRACE = 3.0
+RECONNECTION_TIME = 3.0
 """Time in s since a client disconnected after which its grab is released; until then it can reconnect and go on."""
 
-REMEMBERED = 256
+MAX_REMEMBERED_CLIENTS = 256
 """Maximum number of disconnected clients whose identity is stored, so that they can reconnect."""
 
 
@@ -123,10 +123,10 @@ class StreamServer:
         stopped = asyncio.ensure_future(self.stopping.wait())
         try:
             while not self.stopping.is_set():
-                ticks = int((time.monotonic() - begin) * RATE)
+                ticks = int((time.monotonic() - begin) * TICK_RATE)
                 self._tick = self._due(ticks)
-                self._step(begin + self._tick / RATE)
-                next_tick = begin + (self._tick + 1) / RATE
+                self._step(begin + self._tick / TICK_RATE)
+                next_tick = begin + (self._tick + 1) / TICK_RATE
                 remaining = next_tick - time.monotonic()
                 await asyncio.wait((stopped,), timeout=max(remaining, 0.0))
         finally:
@@ -164,7 +164,7 @@ class StreamServer:
         if self.recording is not None and self.recording.full(self._tick):
             self._write(self.recording.finish())
         now = time.monotonic()
-        if self._dirty or self._tick % STATE == 0:
+        if self._dirty or self._tick % STATE_TICKS == 0:
             self._release_silent(now)
             self._send_state()
         for client in list(self.clients):
@@ -186,24 +186,24 @@ class StreamServer:
             client.behind = True
 
     def respond_soon(self) -> None:
-        """Send a frame as soon as `SHORT_GAP` allows: a message to another server has moved the robots."""
+        """Send a frame as soon as `SHORT_FRAME_GAP` allows: a message to another server has moved the robots."""
         if self._response is None:
-            self._respond(time.monotonic(), SHORT_GAP)
+            self._respond(time.monotonic(), SHORT_FRAME_GAP)
 
-    def _respond(self, now: float, gap: float = GAP) -> None:
+    def _respond(self, now: float, gap: float = MIN_FRAME_GAP) -> None:
         """Send the effect of a message `hands` as soon as `gap` allows, instead of at the next tick.
 
         The pause before a frame is as long as the computation of the last frame, but at least `gap` and at most a tick.
         Without the pause, more and more messages would wait on a slow machine, and the delay would grow without limit.
         """
         self._response = None
-        pause = min(max(gap, self._took), 1 / RATE)
+        pause = min(max(gap, self._took), 1 / TICK_RATE)
         wait = pause - (now - self._framed)
         if wait > 0:
             loop = asyncio.get_running_loop()
             self._response = loop.call_later(wait, lambda: self._respond(time.monotonic(), gap))
             return
-        tick = (now - self._begin) * RATE
+        tick = (now - self._begin) * TICK_RATE
         self._advance(max(tick, self._tick), now)
         for client in list(self.clients):
             client.flush(self._frame, now)
@@ -228,13 +228,13 @@ class StreamServer:
     def _release_silent(self, now: float) -> None:
         """Release grabs of silent or disconnected clients."""
         for name, since in list(self._disconnected.items()):
-            if now - since > GRACE:
+            if now - since > RECONNECTION_TIME:
                 del self._disconnected[name]
                 self.source.release(name)
         for client in self.clients:
-            if now - client.heard > SILENCE and self.source.holds(client.id):
+            if now - client.heard > SILENCE_TIMEOUT and self.source.holds(client.id):
                 self.source.release(client.id)
-                self._error(client, "released", f"no message for {SILENCE:g} s: the grab was released")
+                self._error(client, "released", f"no message for {SILENCE_TIMEOUT:g} s: the grab was released")
 
     # -- clients --------------------------------------------------------------------------------------
 
@@ -260,7 +260,7 @@ class StreamServer:
         name = self._identifiers[token]
         self._disconnected.pop(name, None)
         ws.limit_send_queue()
-        client = Client(name, token, ws, Bucket(*MESSAGES, now), Bucket(*GARBAGE, now), now)
+        client = Client(name, token, ws, Bucket(*MESSAGE_LIMIT, now), Bucket(*MALFORMED_LIMIT, now), now)
         self.clients.append(client)
         hello = {**self.hello, "type": "hello", "protocol": self.source.version, "client": name, "resume": token}
         state = self._state or self.source.state()
@@ -285,7 +285,7 @@ class StreamServer:
         connected = {client.token for client in self.clients}
         connected.add(token)
         disconnected = [known for known in self._identifiers if known not in connected]
-        surplus = max(len(disconnected) - REMEMBERED, 0)
+        surplus = max(len(disconnected) - MAX_REMEMBERED_CLIENTS, 0)
         for oldest in disconnected[:surplus]:
             del self._identifiers[oldest]
         return token
@@ -303,7 +303,7 @@ class StreamServer:
         if not client.messages.take(now):
             if now - client.told_rate > 1.0:
                 client.told_rate = now
-                most = MESSAGES[0]
+                most = MESSAGE_LIMIT[0]
                 self._error(client, "rate", f"more than {most:g} messages per second: some were dropped")
             return
         try:

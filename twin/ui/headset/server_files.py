@@ -12,7 +12,7 @@ from pathlib import Path
 from twin.core.json_types import JsonObject
 from twin.ui.access.responses import File
 
-_TYPES = {
+_CONTENT_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".mjs": "text/javascript; charset=utf-8",
@@ -30,7 +30,7 @@ _TYPES = {
     ".glb": "model/gltf-binary",
 }
 
-_PRELOAD = '<link rel="preload" href="{}" as="fetch" crossorigin="anonymous">\n'
+_PRELOAD_LINK = '<link rel="preload" href="{}" as="fetch" crossorigin="anonymous">\n'
 
 
 def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
@@ -42,10 +42,10 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
     """
     files = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
-        kind = _TYPES.get(path.suffix.lower(), "application/octet-stream")
+        kind = _CONTENT_TYPES.get(path.suffix.lower(), "application/octet-stream")
         content = path.read_bytes()
         if path.name == "index.html":
-            links = "".join(_PRELOAD.format(p) for p in preload)
+            links = "".join(_PRELOAD_LINK.format(p) for p in preload)
             content = content.replace(b"<script", links.encode() + b"<script", 1)
         files["/" + path.relative_to(folder).as_posix()] = File(content, kind)
     if "/index.html" in files:
@@ -57,19 +57,19 @@ def robot_files(glb: bytes, description: JsonObject, folder: str = "") -> dict[s
     """Return the robot's geometry and description files by path; `folder` is "" or ends with "/"."""
     tag = _tag(description)
     return {
-        f"/{folder}robot.glb": File(glb, _TYPES[".glb"], tag),
-        f"/{folder}robot.json": File(_json(description), _TYPES[".json"], tag),
+        f"/{folder}robot.glb": File(glb, _CONTENT_TYPES[".glb"], tag),
+        f"/{folder}robot.json": File(_json(description), _CONTENT_TYPES[".json"], tag),
     }
 
 
 def scene_file(description: JsonObject) -> dict[str, File]:
     """Return the file /scene.json with the descriptions of all robots and the props."""
-    return {"/scene.json": File(_json(description), _TYPES[".json"], _tag(description))}
+    return {"/scene.json": File(_json(description), _CONTENT_TYPES[".json"], _tag(description))}
 
 
 def glb_file(name: str, glb: bytes) -> dict[str, File]:
     """Return one geometry file with the content `glb`, by its path `/<name>`."""
-    return {f"/{name}": File(glb, _TYPES[".glb"])}
+    return {f"/{name}": File(glb, _CONTENT_TYPES[".glb"])}
 
 
 def _json(description: JsonObject) -> bytes:

@@ -19,33 +19,33 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 
-ALONE = 1
+ROBOT_VERSION = 1
 """Protocol version in `hello` for one robot."""
 
-VERSION = 2
+SCENE_VERSION = 2
 """Protocol version in `hello` for a scene, several robots, or deformables (fields)."""
 
 MAGIC = 0x314E5754
 """First four bytes of a frame: "TWN1"."""
 
-GHOST = 1
+GHOST_FLAG = 1
 """Flag of a frame that contains a ghost (tool pose computed by the equations)."""
 
-PLAYING = 2
+PLAYING_FLAG = 2
 """Flag of a frame while a protocol is playing."""
 
-REFUSED = 4
+REFUSED_FLAG = 4
 """Flag of a frame after a refused request."""
 
-HELD = 8
+HELD_FLAG = 8
 """Flag of a frame while a client holds the robot."""
 
-_POSE = 7
+_POSE_SIZE = 7
 """Numbers of a pose: x y z in m, and the quaternion x y z w."""
 
 _HEADER = struct.Struct("<IIddHHI")
 
-OBJECTS = "objects"
+OBJECTS_PREFIX = "objects"
 """Prefix of the movable objects in lists of links, such as "objects/ring1"."""
 
 
@@ -59,8 +59,8 @@ class RobotFrame:
         clip_time: time in the protocol in s.
         poses: (links, 7) float32: pose of every link in the world frame (z up), x y z in m and quaternion x y z w.
         q: (joints,) float32: active joint values in m or rad.
-        flags: see `GHOST`, `PLAYING`, `REFUSED`, `HELD`.
-        ghost: (7,) float32: tool pose in the world frame, computed by the equations; None without the flag `GHOST`.
+        flags: see `GHOST_FLAG`, `PLAYING_FLAG`, `REFUSED_FLAG`, `HELD_FLAG`.
+        ghost: (7,) float32: tool pose in the world frame, computed by the equations; None without `GHOST_FLAG`.
     """
 
     seq: int
@@ -96,9 +96,9 @@ def size_of(data: bytes) -> int:
     magic, *_, links, joints, flags = _HEADER.unpack_from(data)
     if magic != MAGIC:
         raise TwinError(f"frame: begins with {magic:#010x}, not with {MAGIC:#010x}")
-    numbers = _POSE * links + joints
-    if flags & GHOST:
-        numbers += _POSE
+    numbers = _POSE_SIZE * links + joints
+    if flags & GHOST_FLAG:
+        numbers += _POSE_SIZE
     return _HEADER.size + 4 * numbers  # float32
 
 
@@ -113,12 +113,12 @@ def unpack(data: bytes) -> RobotFrame:
     if len(data) != size:
         raise TwinError(f"frame: {len(data)} bytes; {links} links and {joints} joints need {size}")
     values = np.frombuffer(data, "<f4", offset=_HEADER.size)
-    end_of_poses = _POSE * links
+    end_of_poses = _POSE_SIZE * links
     end_of_joints = end_of_poses + joints
-    poses = values[:end_of_poses].reshape(links, _POSE)
+    poses = values[:end_of_poses].reshape(links, _POSE_SIZE)
     q = values[end_of_poses:end_of_joints]
     ghost = None
-    if flags & GHOST:
+    if flags & GHOST_FLAG:
         ghost = values[end_of_joints:]
     return RobotFrame(seq, server_time, clip_time, poses, q, flags, ghost)
 

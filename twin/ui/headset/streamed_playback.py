@@ -11,7 +11,7 @@ from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.ui.session.timeline import Playback
 
-PATH_POINTS = 600
+MAX_PATH_POINTS = 600
 """Maximum number of points in a sent tip path."""
 
 
@@ -36,6 +36,6 @@ def path_document(streamed: StreamedPlayback | None) -> JsonObject:
     if streamed is None:
         return {"type": "path", "protocol": None, "points": []}
     tip = streamed.playback.tip
-    rows = spread(len(tip), PATH_POINTS)
+    rows = spread(len(tip), MAX_PATH_POINTS)
     points = np.round(tip[rows], 6)  # to 0.001 mm, which is finer than any display shows
     return {"type": "path", "protocol": streamed.playback.protocol, "points": points.ravel().tolist()}

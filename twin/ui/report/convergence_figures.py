@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_DRAWN = 20
+_MAX_CURVES = 20
 """Maximum number of curves of an outcome, because the page contains all points."""
 
-_STEPS = 60
+_LAST_STEP = 60
 """Last step of the drawing; searches that do not converge by then stay where they are."""
 
-_LOWEST = 1e-16
-_HIGHEST = 10.0
+_MIN_RESIDUAL = 1e-16
+_MAX_RESIDUAL = 10.0
 """Range of the residual axis in m."""
 
-_COLOURS = (FIT, NEAR, UNFIT)
+_OUTCOME_COLORS = (FIT, NEAR, UNFIT)
 """Colours of the `OUTCOMES`, in their order."""
 
 
@@ -56,8 +56,8 @@ def convergence(report: Report) -> Figure | None:
             fontsize=8.5,
         )
         log_ticks(ax, [1e-16, 1e-12, 1e-8, 1e-4, 1.0], _length)
-        ax.set_ylim(_LOWEST, _HIGHEST)
-        ax.set_xlim(0, _STEPS)
+        ax.set_ylim(_MIN_RESIDUAL, _MAX_RESIDUAL)
+        ax.set_xlim(0, _LAST_STEP)
         ax.set_xlabel("step")
         ax.axhline(EXACT, color=INK, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
         ax.annotate(
@@ -93,12 +93,12 @@ def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
         runs = np.flatnonzero(outcome == kind)
         if not len(runs):
             continue
-        color = _COLOURS[kind]
+        color = _OUTCOME_COLORS[kind]
         label: str | None = f"{OUTCOMES[kind]}: {len(runs)}"
-        for run in runs[:_DRAWN]:
+        for run in runs[:_MAX_CURVES]:
             steps = history[run]
             steps = steps[~np.isnan(steps)]
-            values = np.maximum(steps[: _STEPS + 1], _LOWEST)
+            values = np.maximum(steps[: _LAST_STEP + 1], _MIN_RESIDUAL)
             ax.plot(values, color=color, lw=0.9, alpha=0.65, label=label)
             ax.plot([len(values) - 1], values[-1:], ".", ms=3.5, color=color, clip_on=False)
             label = None  # one entry of the legend for all searches of an outcome

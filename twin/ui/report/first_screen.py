@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from twin.core import format as fmt
 from twin.core.findings import Finding
 from twin.ui.report import plot_data
-from twin.ui.report.residual_matrix import PAIRS, label
+from twin.ui.report.residual_matrix import PAIR_TITLES, label
 from twin.ui.report.robot_picture import RobotPicture
 from twin.validation.result import Report
 
-_KINEMATIC = "forces, bending and play in the joints (the comparison is kinematic)"
+_NOT_KINEMATIC = "forces, bending and play in the joints (the comparison is kinematic)"
 
-_MOST_PLACES = 4
+_MAX_PLACES = 4
 """Largest number of further places of a cause that an answer names; the first screen has room for few."""
 
-_MOST_WARNINGS = 2
+_MAX_WARNINGS = 2
 """Largest number of warnings that an answer quotes."""
 
-_MOST_GAPS = 4
+_MAX_MISSING = 4
 """Largest number of comparisons and checks that are named as missing."""
 
 
@@ -55,9 +55,9 @@ def answers(report: Report, picture: RobotPicture | None) -> list[Answer]:
         rows.append(Answer("How close?", nearest))
     warnings = [finding for finding in report.findings if finding.severity == "warning"]
     if warnings:
-        texts = [finding.message for finding in warnings[:_MOST_WARNINGS]]
-        if len(warnings) > _MOST_WARNINGS:
-            texts.append(f"{len(warnings) - _MOST_WARNINGS} more below")
+        texts = [finding.message for finding in warnings[:_MAX_WARNINGS]]
+        if len(warnings) > _MAX_WARNINGS:
+            texts.append(f"{len(warnings) - _MAX_WARNINGS} more below")
         rows.append(Answer("Any warning?", "; ".join(texts)))
     return rows
 
@@ -76,7 +76,7 @@ def _nearest(report: Report) -> str:
     if not candidates:
         return ""
     row = max(candidates, key=lambda row: row.worst / (row.tolerance or 1.0))
-    pair, _ = PAIRS.get(row.pair, (row.pair, row.pair))
+    pair, _ = PAIR_TITLES.get(row.pair, (row.pair, row.pair))
     worst = fmt.deviation(row.worst, row.unit, row.tolerance)
     allowed = fmt.quantity(row.tolerance, row.unit)
     return f"{pair}: {label(row)} {worst}; {allowed} allowed; the others are further from their tolerances"
@@ -97,17 +97,17 @@ def _which(report: Report, picture: RobotPicture | None) -> str:
             text += f", on {' and '.join(links)}"
     others = [finding.where for finding in cause.also if finding.where and finding.where != where]
     if others:
-        named = dict.fromkeys(others[:_MOST_PLACES])
+        named = dict.fromkeys(others[:_MAX_PLACES])
         text += f"; also {', '.join(named)}"
-        if len(others) > _MOST_PLACES:
-            text += f" and {len(others) - _MOST_PLACES} more"
+        if len(others) > _MAX_PLACES:
+            text += f" and {len(others) - _MAX_PLACES} more"
     return text
 
 
 def _equations(names: str) -> str:
     """Return names of equations, separated by commas; of many, their number."""
     count = names.count(", ") + 1
-    if count > _MOST_PLACES:
+    if count > _MAX_PLACES:
         return f"one of {count} equations"
     return names
 
@@ -161,10 +161,10 @@ def not_judged(report: Report) -> list[str]:
     for finding in report.findings:
         if finding.severity == "error":
             texts.append(f"{finding.where or finding.code}: {finding.message}")
-    texts = texts[:_MOST_GAPS]
+    texts = texts[:_MAX_MISSING]
     if report.assumed:
         texts.append(f"whether the assumed values are those of a built robot: {report.assumed_counts}")
-    texts.append(_KINEMATIC)
+    texts.append(_NOT_KINEMATIC)
     return texts
 
 

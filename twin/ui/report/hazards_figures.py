@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LEAST = 1e-2
+_MIN_DEVIATION = 1e-2
 """Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
-_CUE = Cue().tol
+_CUE_DEVIATION = Cue().tol
 """Deviation in mm from which a force warns the operator."""
 
-_MANY = 300
+_CROWDED_SESSIONS = 300
 """Number of sessions above which the points are drawn smaller, so that they do not cover each other."""
 
 
@@ -51,7 +51,7 @@ def figure(campaign: Hazards) -> Figure:
 def _peaks(ax: Axes, campaign: Hazards) -> None:
     """Draw a row for each class of faults, with a point for each session."""
     size = 5
-    if len(campaign.rows) > _MANY:
+    if len(campaign.rows) > _CROWDED_SESSIONS:
         size = 2.2
     for k, (name, rows) in enumerate(campaign.by_class.items()):
         if k % 2:
@@ -60,14 +60,14 @@ def _peaks(ax: Axes, campaign: Hazards) -> None:
         ax.text(-0.01, k, f"{name} ({len(rows)})", transform=ax.get_yaxis_transform(), ha="right", va="center")
     # the labels of the two limits extend to opposite sides, because the limits are close to each other
     _limit(ax, HARM, "harm", "right")
-    _limit(ax, _CUE, "cue", "left")
+    _limit(ax, _CUE_DEVIATION, "cue", "left")
     _logarithmic(ax)
     ax.set_ylim(len(campaign.by_class) - 0.4, -0.6)
     ax.set_yticks([])
     ax.grid(True, axis="x")
     ax.set_xlabel("peak deviation of the tip without a response [mm]")
     low, high = ax.get_xlim()
-    ax.set_xlim(min(low, 0.8 * _LEAST), max(high, 10))  # room for the label of 3 mm
+    ax.set_xlim(min(low, 0.8 * _MIN_DEVIATION), max(high, 10))  # room for the label of 3 mm
     _legend(ax, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.3, ncols=2, markerscale=6.6 / size)
 
 
@@ -78,7 +78,7 @@ def _peaks_of_class(ax: Axes, class_number: int, rows: Sequence[JsonMapping], si
     peaks = np.zeros(len(rows))
     for i, row in enumerate(rows):
         stopped[i] = row["stop"] is not None
-        peaks[i] = max(row["peak"], _LEAST)
+        peaks[i] = max(row["peak"], _MIN_DEVIATION)
     parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
     for part, color, text in parts:
         label = text if class_number == 0 else None  # one entry of the legend for all classes

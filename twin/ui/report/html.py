@@ -18,7 +18,7 @@ from twin.core.json_types import JsonObject
 from twin.core.provenance import DRAWING, Parameter
 from twin.ui.report import plot_data
 from twin.ui.report.first_screen import answers, not_judged, times_limit
-from twin.ui.report.residual_matrix import PAIRS, label, pair_names
+from twin.ui.report.residual_matrix import PAIR_TITLES, label, pair_names
 from twin.validation.cause import SIDES
 from twin.validation.repeat_commands import validate_command
 from twin.validation.result import Report, Residual, headline
@@ -372,7 +372,7 @@ def _groups(report: Report) -> list[JsonObject]:
             rows.append(row)
             problem_count += not row.agrees
             judged += row.tolerance is not None
-        title, short = PAIRS.get(pair, (pair, pair))
+        title, short = PAIR_TITLES.get(pair, (pair, pair))
         group = {
             "pair": short,
             "title": _capitalised(title),

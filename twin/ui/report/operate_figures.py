@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LEAST = 1e-4
+_MIN_DISTANCE = 1e-4
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
-_TICKS = {
+_DISTANCE_TICKS = {
     1e-4: "0.1 µm",
     1e-3: "1 µm",
     1e-2: "10 µm",
@@ -31,17 +31,17 @@ _TICKS = {
 }
 """Tick labels of the distance axis, by distance in mm."""
 
-_SHOWN = 4
+_MAX_TRIALS = 4
 """Maximum number of drawn trials; further trials are only in the table and the files."""
 
 
 @styled()
 def figure(operated: Operated) -> Figure:
-    """Return a figure with a panel for each of the first `_SHOWN` trials: distance to the goal over time.
+    """Return a figure with a panel for each of the first `_MAX_TRIALS` trials: distance to the goal over time.
 
     Insertions are shaded; if an insertion misses its goal, its name is red. A bar shows when the pedal is up.
     """
-    shown_trials = operated.trials[:_SHOWN]
+    shown_trials = operated.trials[:_MAX_TRIALS]
     height = 1.0 + 2.2 * len(shown_trials)
     title = f"{operated.robot}, {operated.protocol}: "
     title += "remaining distance of the simulated operator (hand and tremor ASSUMED)"
@@ -52,13 +52,13 @@ def figure(operated: Operated) -> Figure:
         _draw_insertions(ax, trial, operated.goals)
         t = trial.record.t
         # the axis is logarithmic: 0 would not be drawn
-        distance = np.maximum(remaining(trial.record, operated.goals) / MM, _LEAST)
+        distance = np.maximum(remaining(trial.record, operated.goals) / MM, _MIN_DISTANCE)
         ax.plot(t, distance, color=PALETTE[0], linewidth=1.0)
-        log_ticks(ax, list(_TICKS), _tick)
+        log_ticks(ax, list(_DISTANCE_TICKS), _tick)
         pedal_up = ~trial.record.pedal
         band = ax.get_xaxis_transform()  # heights as fractions of the axes
         ax.fill_between(t, 0, 0.05, where=pedal_up, transform=band, color=PALETTE[1], linewidth=0)
-        ax.set_ylim(_LEAST / 3, max(3 * np.nanmax(distance), 1.0))
+        ax.set_ylim(_MIN_DISTANCE / 3, max(3 * np.nanmax(distance), 1.0))
         ax.set_ylabel("distance to goal")
         ax.set_xlim(t[0], t[-1])
         measures = trial.measures
@@ -94,5 +94,5 @@ def _draw_insertions(ax: Axes, trial: Trial, goals: Sequence[Goal]) -> None:
 
 def _tick(value: float) -> str:
     # a power of ten that matplotlib returns can differ from the key by rounding
-    nearest = min(_TICKS, key=lambda tick: abs(tick - value))
-    return _TICKS[nearest]
+    nearest = min(_DISTANCE_TICKS, key=lambda tick: abs(tick - value))
+    return _DISTANCE_TICKS[nearest]

@@ -9,11 +9,11 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.validation.result import Report, Residual, RowKind
 
-POINTS = 2000
+MAX_CURVE_POINTS = 2000
 """Maximum number of points in a drawn curve."""
 
 
-def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
+def thin(t: Array, y: Array, points: int = MAX_CURVE_POINTS) -> tuple[Array, Array]:
     """Return at most `points` samples (t, y) of a curve, chosen so that the plot of the curve looks the same.
 
     The samples are divided into equally long intervals. The result has the minimum, the maximum and the first NaN of

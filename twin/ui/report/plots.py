@@ -43,13 +43,13 @@ if TYPE_CHECKING:
 _Line = tuple[str, Array, Array]
 """Label, times in s and values of a curve."""
 
-_RATES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
+_DERIVATIVES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
 """Quantity of each row, and what its unit has in addition to the unit of the displacement."""
 
-_NOISY = 800
+_MAX_NOISY_POINTS = 800
 """Maximum number of points in a noisy curve, because the page contains all points."""
 
-_SIDE = 1.5
+_LEGEND_WIDTH = 1.5
 """Width in inches of a legend beside the axes."""
 
 
@@ -80,7 +80,7 @@ def active_joints(report: Report) -> Figure | None:
         if unit == "rad":
             factor = DEG
             sign = "°"
-        for r, (what, per) in enumerate(_RATES):
+        for r, (what, per) in enumerate(_DERIVATIVES):
             ax = axes[r][c]
             times, values = series[r]
             for j, name in enumerate(names):
@@ -102,7 +102,7 @@ def tool_motion(report: Report) -> Figure | None:
     angular = _angles(report, "angles", "t")
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
-    for row, (what, per) in enumerate(_RATES):
+    for row, (what, per) in enumerate(_DERIVATIVES):
         key = "pva"[row]
         linear = plot_data.pair(report, f"{key}_tool")
         reference = plot_data.pair(report, f"{key}_tool_B", "t_coarse")
@@ -111,7 +111,7 @@ def tool_motion(report: Report) -> Figure | None:
     if angular:
         references = _angles(report, "angles_B", "t_coarse") or [None] * 3
         for row, what in enumerate(("angle", "angle rate", "second derivative")):
-            _, per = _RATES[row]
+            _, per = _DERIVATIVES[row]
             _draw_xyz(axes[row][1], angular[row], references[row], "ψθφ", DEG)
             axes[row][1].set_ylabel(f"{what} [°{per}]")
     for ax in axes[0]:
@@ -128,7 +128,7 @@ def residuals(report: Report) -> Figure | None:
     for group in groups:
         # several curves need room for their legend
         heights.append(1.9 if len(group.lines) > 1 else 1.3)
-    figure, axes = panels(headline("Formula against mechanism", report), heights, 1, _SIDE, 0.62, 0.3)
+    figure, axes = panels(headline("Formula against mechanism", report), heights, 1, _LEGEND_WIDTH, 0.62, 0.3)
     phase_bands(axes, report.phases)
     for (ax,), group in zip(axes, groups, strict=True):
         limits = []
@@ -146,7 +146,7 @@ def residuals(report: Report) -> Figure | None:
             else:
                 style = _line_style(colored)
                 colored += 1
-            t_drawn, y_drawn = plot_data.thin(t, np.maximum(np.abs(y), floor), _NOISY)
+            t_drawn, y_drawn = plot_data.thin(t, np.maximum(np.abs(y), floor), _MAX_NOISY_POINTS)
             ax.plot(t_drawn, y_drawn, label=name, **style)
         for limit in sorted(set(limits)):
             limit_line(ax, limit, f"tolerance {quantity(limit, group.unit)}")
@@ -206,7 +206,7 @@ def rcm(report: Report) -> Figure | None:
     ax = axes[0][0]
     log_axis(ax, "m", [y], [limit] if limit else [])
     floor, _ = ax.get_ylim()
-    t_drawn, y_drawn = plot_data.thin(t, np.maximum(y, floor), _NOISY)
+    t_drawn, y_drawn = plot_data.thin(t, np.maximum(y, floor), _MAX_NOISY_POINTS)
     ax.plot(t_drawn, y_drawn, color=PALETTE[0])
     limit_line(ax, limit, f"allowed {quantity(limit, 'm')}")
     k = int(np.nanargmax(y))
@@ -254,7 +254,7 @@ def margins(report: Report) -> Figure | None:
     heights = [1.5] * len(groups)
     if measures:
         heights[-1] = 2.1
-    figure, axes = panels(headline("Margins", report), heights, 1, _SIDE, 0.62, 0.25)
+    figure, axes = panels(headline("Margins", report), heights, 1, _LEGEND_WIDTH, 0.62, 0.25)
     phase_bands(axes, report.phases)
     for (ax,), (title, lines) in zip(axes, groups.items(), strict=True):
         if title == "singularity":

@@ -22,7 +22,7 @@ from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_POINTS = 1500
+_MAX_CURVE_POINTS = 1500
 """Maximum number of points of a curve, because the page contains all points."""
 
 
@@ -40,7 +40,7 @@ def figure(session: ProcedureSession) -> Figure:
     drawing = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = drawing.subplots(len(rows), 1, sharex=True)
     for ax, row in zip(axes, rows, strict=True):
-        t_drawn, values = thin(t, row.values, _POINTS)
+        t_drawn, values = thin(t, row.values, _MAX_CURVE_POINTS)
         ax.plot(t_drawn, values, color=PALETTE[0], lw=1.0)
         low = min(0.0, float(row.values.min()))
         high = max(row.top, float(row.values.max()))

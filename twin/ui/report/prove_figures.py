@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST = 3
+_MAX_MOTIONS = 3
 """Largest number of protocols that are drawn side by side."""
 
-_TICKS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
+_RCM_TICKS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 """Ticks of the axis of the RCM in m."""
 
-_LOWEST = 1e-14
+_MIN_RCM_DISTANCE = 1e-14
 """Distance in m at which the axis of the RCM begins: smaller ones are rounding."""
 
-_SAMPLES = 60
+_MAX_SAMPLES = 60
 """Number of samples that are drawn as points of a band; more would cover the band."""
 
 
 @styled()
 def figure(proved: Proved) -> Figure | None:
     """Return a figure with the bounds along the first protocols; None if nothing is proved along a protocol."""
-    motions = proved.motions[:_MOST]
+    motions = proved.motions[:_MAX_MOTIONS]
     if not motions:
         return None
     heights = [1.5, 1.5, 1.5, 1.5]
@@ -123,16 +123,16 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
         curve = motion.proof.curves[claim.group, claim.name]
         sampled = motion.samples.values.get((claim.group, claim.name))
         is_bounded = np.isfinite(curve.high)
-        low = np.where(is_bounded, np.maximum(curve.low, _LOWEST), np.nan)
-        high = np.where(is_bounded, np.maximum(curve.high, _LOWEST), np.nan)
+        low = np.where(is_bounded, np.maximum(curve.low, _MIN_RCM_DISTANCE), np.nan)
+        high = np.where(is_bounded, np.maximum(curve.high, _MIN_RCM_DISTANCE), np.nan)
         values = None
         if sampled is not None:
-            values = np.maximum(sampled, _LOWEST)
+            values = np.maximum(sampled, _MIN_RCM_DISTANCE)
         _band(ax, curve.t, low, high, motion, values, PALETTE[1])
         ax.axhline(claim.limit, color=UNFIT, lw=0.8)
     top = max(claim.high for claim in claims)
     top = max(top, claims[0].limit)
-    ticks = [value for value in _TICKS if value <= 10 * top]
+    ticks = [value for value in _RCM_TICKS if value <= 10 * top]
     log_ticks(ax, ticks, lambda value: quantity(value, "m"))
     ax.set_title("shaft, " + " and ".join(claim.name for claim in claims), fontsize=8.5, loc="left", pad=3)
 
@@ -158,7 +158,7 @@ def _band(ax: Axes, t: Array, low: Array, high: Array, motion: ProvedMotion, sam
     ax.plot(edges, np.repeat(high, 2), color=color, lw=0.9)
     ax.plot(edges, np.repeat(low, 2), color=color, lw=0.5)
     if sampled is not None:
-        stride = max(1, len(sampled) // _SAMPLES)
+        stride = max(1, len(sampled) // _MAX_SAMPLES)
         ax.plot(motion.samples.t[::stride], sampled[::stride], ".", color=INK, ms=2.5)
 
 

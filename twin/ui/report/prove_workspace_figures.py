@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
+_SECTION_AXES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 """Axes (0, 1, 2 for x, y, z) of each section: horizontal axis, vertical axis, axis normal to the section."""
 
 
@@ -24,9 +24,9 @@ def figure(workspace: ProvenWorkspace) -> Figure | None:
     if not len(workspace.proof.low):
         return None
     drawing = sheet(f"{workspace.robot}: tool positions proved assembled, within limits and not singular", 3.6)
-    axes = drawing.subplots(1, len(_SECTIONS))
+    axes = drawing.subplots(1, len(_SECTION_AXES))
     drawing.subplots_adjust(left=0.08, right=0.98, top=0.78, bottom=0.16, wspace=0.4)
-    for ax, section in zip(axes.flat, _SECTIONS, strict=True):
+    for ax, section in zip(axes.flat, _SECTION_AXES, strict=True):
         _draw_section(ax, workspace, section)
     return drawing
 

@@ -8,42 +8,44 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-WIDTH, HEIGHT = 560, 460
+PICTURE_WIDTH, PICTURE_HEIGHT = 560, 460
 """Size of the picture in pixels."""
 
-_FINE = 2
+_SUPERSAMPLING = 2
 """Each pixel is the mean of this number of points in each direction."""
 
-_DENSITY = 2.0
+_POINTS_PER_PIXEL = 2.0
 """Mean number of points of a triangle for each fine pixel that it covers."""
 
-_MOST_POINTS = 3e7
+_MAX_POINTS = 3e7
 """Maximum number of points of a picture; a picture that needs more has fewer fine pixels."""
 
-_AT_A_TIME = 4_000_000
+_POINTS_PER_BATCH = 4_000_000
 """Number of points that are computed together."""
 
-AHEAD = np.array([-1.0, 1.35, -0.55])
+VIEW_DIRECTION = np.array([-1.0, 1.35, -0.55])
 """Viewing direction in the base frame, z up; the script of the page starts with the same one."""
 
-_LIGHT = np.array([0.35, -0.5, 0.8])
+_LAMP_DIRECTION = np.array([0.35, -0.5, 0.8])
 """Direction to the lamp in the base frame."""
 
-_AMBIENT = 0.45
+_AMBIENT_BRIGHTNESS = 0.45
 """Brightness, as a share, of a triangle whose plane contains the direction to the lamp."""
 
-_FILLED = 0.94
+_FILLED_SHARE = 0.94
 """Share of the picture that the robot fills in the direction in which it is larger."""
 
-_RING = (15 * _FINE, 18 * _FINE)
+_RING_RADII = (15 * _SUPERSAMPLING, 18 * _SUPERSAMPLING)
 """Inner and outer radius of the ring around the mark, in fine pixels."""
 
-_PAPER = 255
-_MARK = (214, 40, 40)
+_BACKGROUND_GREY = 255
+_RING_COLOR = (214, 40, 40)
 
 
-def shaded(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Array | None) -> np.ndarray:
-    """Return a picture (HEIGHT, WIDTH, 3) uint8 of triangles on white, seen along `AHEAD` without perspective.
+def shaded_picture(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Array | None) -> np.ndarray:
+    """Return a picture of triangles on white, seen along `VIEW_DIRECTION` without perspective.
+
+    The picture is (PICTURE_HEIGHT, PICTURE_WIDTH, 3) uint8, sRGB.
 
     Args:
         vertices: (n, 3) in m, z up.
@@ -51,48 +53,48 @@ def shaded(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Arr
         colors: (m, 3) uint8, sRGB.
         mark: (3,) point with a ring around it, which nothing hides; None: no ring.
     """
-    ahead = AHEAD / np.linalg.norm(AHEAD)
+    ahead = VIEW_DIRECTION / np.linalg.norm(VIEW_DIRECTION)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead)
-    width = WIDTH * _FINE
-    height = HEIGHT * _FINE
+    width = PICTURE_WIDTH * _SUPERSAMPLING
+    height = PICTURE_HEIGHT * _SUPERSAMPLING
     # columns grow to the right, rows grow downwards
     flat = np.column_stack([vertices @ right, -(vertices @ up)])
     low = flat.min(axis=0)
     extent = np.ptp(flat, axis=0)
-    pixels_per_metre = _FILLED * min(width / max(extent[0], 1e-9), height / max(extent[1], 1e-9))
+    pixels_per_metre = _FILLED_SHARE * min(width / max(extent[0], 1e-9), height / max(extent[1], 1e-9))
     offset = 0.5 * (np.array([width, height]) - pixels_per_metre * extent) - pixels_per_metre * low
     places = pixels_per_metre * flat + offset
-    lit = _lit(vertices, triangles, colors)
+    lit = _lit_colors(vertices, triangles, colors)
 
     # many large triangles one behind the other: a coarser picture, of which each pixel is still that of the nearest
-    point_count = _DENSITY * float(np.sum(_areas(places, triangles)))
-    coarseness = min(1.0, np.sqrt(_MOST_POINTS / max(point_count, 1.0)))
+    point_count = _POINTS_PER_PIXEL * float(np.sum(_areas(places, triangles)))
+    coarseness = min(1.0, np.sqrt(_MAX_POINTS / max(point_count, 1.0)))
     columns = max(1, round(coarseness * width))
     rows = max(1, round(coarseness * height))
     coarse_places = places * [columns / width, rows / height]
-    small = _drawn(coarse_places, vertices @ ahead, triangles, lit, (columns, rows))
+    small = _fine_picture(coarse_places, vertices @ ahead, triangles, lit, (columns, rows))
     of_row = np.arange(height) * rows // height
     of_column = np.arange(width) * columns // width
     picture = small[of_row[:, None], of_column]
     if mark is not None:
         place = pixels_per_metre * np.array([mark @ right, -(mark @ up)]) + offset
         _draw_ring(picture, place)
-    mean = picture.reshape(HEIGHT, _FINE, WIDTH, _FINE, 3).mean(axis=(1, 3))
+    mean = picture.reshape(PICTURE_HEIGHT, _SUPERSAMPLING, PICTURE_WIDTH, _SUPERSAMPLING, 3).mean(axis=(1, 3))
     return mean.astype(np.uint8)
 
 
-def _lit(vertices: Array, triangles: np.ndarray, colors: np.ndarray) -> np.ndarray:
+def _lit_colors(vertices: Array, triangles: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """Return the colours (m, 3) uint8 of triangles under the lamp; both sides of a triangle are lit alike."""
     a = vertices[triangles[:, 0]]
     b = vertices[triangles[:, 1]]
     c = vertices[triangles[:, 2]]
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
-    towards_lamp = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
+    towards_lamp = np.abs(normals @ (_LAMP_DIRECTION / np.linalg.norm(_LAMP_DIRECTION)))
     # a triangle without area has no normal: it gets the ambient brightness
-    brightness = _AMBIENT + (1 - _AMBIENT) * towards_lamp / np.maximum(lengths, 1e-30)
+    brightness = _AMBIENT_BRIGHTNESS + (1 - _AMBIENT_BRIGHTNESS) * towards_lamp / np.maximum(lengths, 1e-30)
     return np.clip(colors * brightness[:, None], 0, 255).astype(np.uint8)
 
 
@@ -101,8 +103,8 @@ def _draw_ring(picture: np.ndarray, place: Array) -> None:
     height, width, _ = picture.shape
     y, x = np.mgrid[0:height, 0:width]
     distance = np.hypot(x - place[0], y - place[1])
-    inner, outer = _RING
-    picture[(distance > inner) & (distance < outer)] = _MARK
+    inner, outer = _RING_RADII
+    picture[(distance > inner) & (distance < outer)] = _RING_COLOR
 
 
 def _areas(places: Array, triangles: np.ndarray) -> Array:
@@ -113,7 +115,9 @@ def _areas(places: Array, triangles: np.ndarray) -> Array:
     return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
 
 
-def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def _fine_picture(
+    places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
     """Return a picture (height, width, 3) uint8 of triangles on white.
 
     Args:
@@ -124,11 +128,11 @@ def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, 
         size: (width, height) in pixels.
     """
     width, height = size
-    counts = np.ceil(_DENSITY * _areas(places, triangles)).astype(np.int64) + 1
-    pixels = np.full((height * width, 3), _PAPER, np.uint8)
+    counts = np.ceil(_POINTS_PER_PIXEL * _areas(places, triangles)).astype(np.int64) + 1
+    pixels = np.full((height * width, 3), _BACKGROUND_GREY, np.uint8)
     nearest = np.full(height * width, np.inf)
-    # as many triangles at a time as have `_AT_A_TIME` points, because each point takes about 100 bytes
-    part = np.cumsum(counts) // _AT_A_TIME
+    # as many triangles at a time as have `_POINTS_PER_BATCH` points, because each point takes about 100 bytes
+    part = np.cumsum(counts) // _POINTS_PER_BATCH
     _, begins = np.unique(part, return_index=True)
     for begin, end in pairwise([*begins, len(triangles)]):
         of_point, spots, z = _points(places, depth, triangles[begin:end], counts[begin:end])

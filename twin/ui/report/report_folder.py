@@ -87,7 +87,7 @@ def write_report(
     return written
 
 
-_PICTURES = (
+_KINDS_WITH_PICTURE = (
     "compare",
     "console",
     "hazards",
@@ -126,7 +126,7 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     page = folder / f"{name}.html"
     written = [page.name]
     figure = None
-    if result.kind in _PICTURES and drawable():
+    if result.kind in _KINDS_WITH_PICTURE and drawable():
         module = import_module(f"twin.ui.report.{result.kind.replace('-', '_')}_figures")
         figure = module.figure(result)  # None if there is nothing to draw
     if figure is not None:

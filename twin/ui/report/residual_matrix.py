@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAIRS = {
+PAIR_TITLES = {
     "A-B": ("formula against mechanism", "A–B"),
     "A": ("equations by other methods", "A"),
     "B": ("mechanism by itself", "B"),
@@ -27,24 +27,24 @@ PAIRS = {
 }
 """(Long, short) title of each pair of models, in the order of display; pairs that are not listed come last."""
 
-_MOST_ROWS = 48
+_MAX_ROWS = 48
 
-_LONGEST = 28
+_MAX_NAME_LENGTH = 28
 """Maximum number of letters of a row's name."""
 
-_DECADES = 6.0
+_DARKEST_DECADES = 6.0
 """A green cell is darkest at this number of orders of magnitude below the tolerance, a red cell at half this number
 above the tolerance."""
 
 
 def pair_names(report: Report) -> list[str]:
-    """Return the pairs of models in the report: first those in `PAIRS`, in this order, then all others, sorted."""
+    """Return the pairs of models in the report: first those in `PAIR_TITLES`, in this order, then others, sorted."""
     pairs = {residual.pair for residual in report.residuals}
     names = []
-    for pair in PAIRS:
+    for pair in PAIR_TITLES:
         if pair in pairs:
             names.append(pair)
-    return names + sorted(pairs - PAIRS.keys())
+    return names + sorted(pairs - PAIR_TITLES.keys())
 
 
 def label(row: Residual) -> str:
@@ -99,7 +99,7 @@ def residual_matrix(report: Report) -> Figure | None:
 
     pairs = pair_names(report)
     table = _worst_of_cells(report.residuals)
-    names = _most_telling(table)
+    names = _drawn_rows(table)
     # in inches
     row_height = 0.21
     head = 0.92
@@ -120,7 +120,7 @@ def residual_matrix(report: Report) -> Figure | None:
     rows = np.arange(len(names)) + 0.5
     columns = np.arange(len(pairs)) + 0.5
     ax.set(xlim=(0, len(pairs)), ylim=(len(names), 0), yticks=rows)
-    ax.set_yticklabels(list(map(_short, names)), fontsize=8.5)
+    ax.set_yticklabels(list(map(_shortened, names)), fontsize=8.5)
     heading_size = 8.5 if len(pairs) < 6 else 7.5
     ax.set_xticks(columns, list(map(_heading, pairs)), fontsize=heading_size)
     ax.xaxis.tick_top()
@@ -160,7 +160,7 @@ def _draw_cell(ax: Axes, x: int, y: int, row: Residual) -> None:
     over = decades(row)
     strength = 1.0
     if over is not None:
-        strength = min(1.0, abs(over) / _DECADES)
+        strength = min(1.0, abs(over) / _DARKEST_DECADES)
     text = deviation(row.worst, row.unit, row.tolerance)
     ink = INK
     weight = "normal"
@@ -178,9 +178,9 @@ def _draw_cell(ax: Axes, x: int, y: int, row: Residual) -> None:
     ax.text(x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=8.5, fontweight=weight, color=ink)
 
 
-def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
-    """Return the names of at most `_MOST_ROWS` rows in unchanged order; omit the rows furthest below the tolerance."""
-    if len(table) <= _MOST_ROWS:
+def _drawn_rows(table: dict[str, dict[str, Residual]]) -> list[str]:
+    """Return the names of at most `_MAX_ROWS` rows in unchanged order; omit the rows furthest below the tolerance."""
+    if len(table) <= _MAX_ROWS:
         return list(table)
 
     def worst(name: str) -> float:
@@ -195,7 +195,7 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
         return largest
 
     by_ratio = sorted(table, key=worst, reverse=True)
-    dropped = set(by_ratio[_MOST_ROWS:])
+    dropped = set(by_ratio[_MAX_ROWS:])
     names = []
     for name in table:
         if name not in dropped:
@@ -205,13 +205,13 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
 
 def _heading(pair: str) -> str:
     """Return the heading of a pair: short and long title on separate lines."""
-    words, short = PAIRS.get(pair, ("", pair))
+    words, short = PAIR_TITLES.get(pair, ("", pair))
     for break_at in (" against ", " by "):
         words = words.replace(break_at, f"\n{break_at[1:]}")
     return f"{short}\n{words}"
 
 
-def _short(text: str) -> str:
-    if len(text) <= _LONGEST:
+def _shortened(text: str) -> str:
+    if len(text) <= _MAX_NAME_LENGTH:
         return text
-    return f"{text[: _LONGEST - 1]}…"
+    return f"{text[: _MAX_NAME_LENGTH - 1]}…"

@@ -27,13 +27,13 @@ from twin.model.mechanism import Mechanism
 from twin.reference.states import Assembly
 from twin.validation.result import Report, Residual
 
-MOST_TRIANGLES = 70_000
+MAX_TRIANGLES = 70_000
 """Maximum number of triangles in a page; meshes with more are made coarser."""
 
-_FAULTY = (214, 40, 40)
+_FAULT_COLOR = (214, 40, 40)
 """Colour (sRGB, 0 to 255) of the links at the place of the fault."""
 
-_STEPS = 32767
+_QUANTISATION_STEPS = 32767
 """Vertices are stored as integers up to this number; it is the largest extent of the robot."""
 
 _FINEST_GRID = 64.0
@@ -75,13 +75,13 @@ class RobotPicture:
         """The picture for the script of the page, as JSON that is safe within an HTML element."""
         low = self.vertices.min(axis=0)
         extent = float(np.max(self.vertices.max(axis=0) - low)) or 1.0
-        steps = np.round((self.vertices - low) / extent * _STEPS).astype("<i2")
+        steps = np.round((self.vertices - low) / extent * _QUANTISATION_STEPS).astype("<i2")
         mark = None
         if self.mark is not None:
             mark = _micrometres(self.mark)
         content = {
             "low": _micrometres(low),
-            "step": extent / _STEPS,
+            "step": extent / _QUANTISATION_STEPS,
             "vertices": _base64(steps),
             "triangles": _base64(self.triangles.astype("<u4")),
             "colors": _runs(self.colors),
@@ -98,9 +98,9 @@ class RobotPicture:
             from PIL import Image
         except ImportError:
             return ""
-        from twin.ui.report.raster import shaded
+        from twin.ui.report.raster import shaded_picture
 
-        pixels = shaded(self.vertices, self.triangles, self.colors, self.mark)
+        pixels = shaded_picture(self.vertices, self.triangles, self.colors, self.mark)
         # a palette makes the file smaller, and a robot has few shades
         image = Image.fromarray(pixels).convert("P", palette=Image.Palette.ADAPTIVE, colors=128)
         buffer = io.BytesIO()
@@ -283,13 +283,13 @@ def _triangles(
             faces = np.asarray(mesh.triangles)
             if not len(faces):
                 continue
-            if count > MOST_TRIANGLES:
-                points, faces = _coarser(points, faces, MOST_TRIANGLES / count)
+            if count > MAX_TRIANGLES:
+                points, faces = _coarser(points, faces, MAX_TRIANGLES / count)
             vertices.append(points @ T[:3, :3].T + T[:3, 3])
             triangles.append(faces + start)
             color = [round(255 * units.srgb(c)) for c in mesh.color_rgba[:3]]
             if body.name in marked:
-                color = list(_FAULTY)
+                color = list(_FAULT_COLOR)
             colors.append(np.tile(np.array(color, np.uint8), (len(faces), 1)))
             start += len(points)
     return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(colors)

@@ -16,10 +16,10 @@ from twin.ui.report.style import BAND, PALETTE, UNFIT, log_ticks, sheet, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEAST = 0.1
+MIN_DRAWN_DISTANCE = 0.1
 """Smallest drawn distance in mm; smaller distances are drawn at this value."""
 
-_STYLES = ("-", ":", "-.")
+_LINE_STYLES = ("-", ":", "-.")
 """Line styles; the next style is used when all colours have been used with the present style."""
 
 
@@ -59,8 +59,8 @@ def distances(
     drawing.subplots_adjust(left=left_margin, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
     for k, ((a, b), distance) in enumerate(pairs.items()):
         repetition, color = divmod(k, len(PALETTE))
-        style = _STYLES[repetition % len(_STYLES)]
-        shown_distances = np.maximum(distance / MM, LEAST)
+        style = _LINE_STYLES[repetition % len(_LINE_STYLES)]
+        shown_distances = np.maximum(distance / MM, MIN_DRAWN_DISTANCE)
         top.plot(t, shown_distances, style, color=PALETTE[color], label=f"{a} - {b}")
     required_mm = required / MM
     top.axhline(required_mm, color=UNFIT, linestyle="--", linewidth=0.9)

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SIDE = 2.3
+_LEGEND_WIDTH = 2.3
 """Space at the right in inches for the legend."""
 
-_TICK_RATIO = 1.25
+_MIN_TICK_RATIO = 1.25
 """Smallest ratio of two ticks in sequence on the logarithmic axis: labels of closer ones would overlap."""
 
 
@@ -37,7 +37,7 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
         kind = (search.cost, search.unit)
         if kind not in kinds:
             kinds.append(kind)
-    drawing, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
+    drawing, axes = panels(title, [2.1] * len(kinds), 1, _LEGEND_WIDTH, 0.5, 0.3)
     counts: set[int] = set()
     for (ax,), (cost, unit) in zip(axes, kinds, strict=True):
         for i, (name, search) in enumerate(searches.items()):
@@ -88,8 +88,8 @@ def _samples(ax: Axes, counts: list[int]) -> None:
     ax.set_xlim(low / 1.3, high * 1.3)
     ticks = [low]
     for number in counts:
-        is_apart_from_highest = number == high or high > _TICK_RATIO * number
-        if number > _TICK_RATIO * ticks[-1] and is_apart_from_highest:
+        is_apart_from_highest = number == high or high > _MIN_TICK_RATIO * number
+        if number > _MIN_TICK_RATIO * ticks[-1] and is_apart_from_highest:
             ticks.append(number)
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.0f}"))

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _VIEWS = (("from above", 0, 1), ("from the feet", 0, 2))
 """(Title, horizontal axis, vertical axis) of each view of the paths; an axis is the index of an axis of the World."""
 
-_POINTS = 2000
+_MAX_CURVE_POINTS = 2000
 """Maximum number of points of a path and of a curve, because the page contains all points."""
 
 
@@ -112,7 +112,7 @@ def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> N
     """Draw the speed of each tip over time, and the limit below which a tip is at rest."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
         speed = movement.speed(session.arms[name].tip, session.run.recording.dt) / MM
-        t, y = thin(session.t, speed, _POINTS)
+        t, y = thin(session.t, speed, _MAX_CURVE_POINTS)
         ax.plot(t, y, color=color, lw=0.8)
     rest_radius = movement.RESTS / MM
     ax.axhline(rest_radius, color=INK, lw=0.6, ls=(0, (5, 2)))
@@ -149,7 +149,7 @@ def _angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal: Alig
     """Draw, over time, the angle in the picture from target line to upper side of the rectangle; mark the tolerance."""
     side = aligned.course[:, 1] - aligned.course[:, 0]
     angle = np.arctan2(side[:, 1], side[:, 0]) / DEG
-    t, y = thin(session.t, angle, _POINTS)
+    t, y = thin(session.t, angle, _MAX_CURVE_POINTS)
     ax.plot(t, y, color=PALETTE[2], lw=1.0)
     tolerance = goal.tolerance / DEG
     ax.axhspan(-tolerance, tolerance, color=NEAR, alpha=0.4, lw=0)
@@ -161,7 +161,7 @@ def _deviation(ax: Axes, session: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
     colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
     for k, machine in enumerate(session.training):
-        times, shown_deviation = thin(machine.t, machine.deviation / MM, _POINTS)
+        times, shown_deviation = thin(machine.t, machine.deviation / MM, _MAX_CURVE_POINTS)
         ax.plot(times, shown_deviation, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
         for step in machine.steps:
             if step.phase in colors:
@@ -217,8 +217,8 @@ def _task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], 
 
 
 def _path(ax: Axes, points: Array, **style: Any) -> None:
-    """Draw a path (k, 2) by every n-th point, so that there are about `_POINTS` points."""
-    step = max(1, len(points) // _POINTS)
+    """Draw a path (k, 2) by every n-th point, so that there are about `_MAX_CURVE_POINTS` points."""
+    step = max(1, len(points) // _MAX_CURVE_POINTS)
     ax.plot(points[::step, 0], points[::step, 1], **style)
 
 
@@ -277,7 +277,7 @@ def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows:
         grip = log[HAND_GRIP.of(hand)][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)
-        times, shown_opening = thin(t, opening, _POINTS)
+        times, shown_opening = thin(t, opening, _MAX_CURVE_POINTS)
         # the y axis points down
         ax.plot(times, len(names) + 0.35 - 0.7 * shown_opening, color=_color(arms, hand), lw=1.0)
         names.append(f"{hand} grip, {span / DEG:.0f}°")

@@ -14,10 +14,10 @@ from twin.validation.stroke_result import Strokes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LEAST = 1e-9
+_MIN_ERROR = 1e-9
 """Lower end of the axis in µm; smaller position errors are rounding errors and are drawn at this end."""
 
-_UNITS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
+_ERROR_LABELS = {-9: "1 fm", -6: "1 pm", -3: "1 nm", 0: "1 µm", 3: "1 mm"}
 """Axis label of a position error of 10**k µm, by exponent k."""
 
 
@@ -44,12 +44,12 @@ def figure(strokes: Strokes) -> Figure:
         curves = {"equations": sweep.equations, **sweep.standins}
         for color, (name, curve) in zip(PALETTE, curves.items(), strict=False):
             if len(curve.offset):
-                error = np.maximum(curve.distance / UM, _LEAST)  # the axis is logarithmic
+                error = np.maximum(curve.distance / UM, _MIN_ERROR)  # the axis is logarithmic
                 ax.plot(x, error, color=color, label=name, linewidth=1.3)
         if required is not None:
             ax.axhline(required, color="#555555", linewidth=0.9, linestyle="--", label=f"required: {required:g} µm")
         log_ticks(ax, [10.0**k for k in range(-9, 6, 3)], _tick)
-        ax.set_ylim(_LEAST / 3, top)
+        ax.set_ylim(_MIN_ERROR / 3, top)
         ax.set_ylabel("error")
         ax.set_xlabel(f"{sweep.joint} [{unit}]")
         ax.set_xlim(x[0], x[-1])
@@ -71,4 +71,4 @@ def _axis_end(strokes: Strokes, required: float | None) -> float:
 
 def _tick(value: float) -> str:
     exponent = round(math.log10(value))
-    return _UNITS.get(exponent, "")
+    return _ERROR_LABELS.get(exponent, "")

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ROW = 2.2
+_ROW_HEIGHT = 2.2
 """Height of a row in inches."""
 
-_LETTERS = 124
+_LETTERS_PER_LINE = 124
 """Number of letters that fit on a line below a plot of full width."""
 
 
@@ -45,7 +45,7 @@ def figure(ranks: Ranks) -> Figure:
     if users.sessions is not None and len(set(users.sessions)) > 1:
         columns = 2
 
-    height = 0.75 + _ROW * len(names)
+    height = 0.75 + _ROW_HEIGHT * len(names)
     drawing = sheet(f"{ranks.file}: groups", height)
     axes = drawing.subplots(len(names), columns, squeeze=False)
     drawing.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.7, wspace=0.25)
@@ -57,7 +57,7 @@ def figure(ranks: Ranks) -> Figure:
         if group not in colors:
             colors[group] = PALETTE[len(colors) % len(PALETTE)]
     for row, name in zip(axes, names, strict=True):
-        _boxes(row[0], users.samples(name), name, colors, _LETTERS // columns)
+        _boxes(row[0], users.samples(name), name, colors, _LETTERS_PER_LINE // columns)
         if columns == 2:
             _course(row[1], ranks, name, colors)
     return drawing

@@ -48,7 +48,7 @@ _BOTTOM = 0.5
 _GAP = 0.16
 """Spaces in inches: at the left, right and lower end of a figure, and between rows of axes."""
 
-_RC: Any = {
+_MATPLOTLIB_SETTINGS: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Arial", "Helvetica"],
     "font.size": 9,
@@ -105,7 +105,7 @@ def styled(salt: str = "twin") -> Iterator[None]:
 
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_RC | {"svg.hashsalt": salt})
+        matplotlib.rcParams.update(_MATPLOTLIB_SETTINGS | {"svg.hashsalt": salt})
         yield
 
 
@@ -268,7 +268,7 @@ def legend_beside(ax: Axes) -> None:
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.35)
 
 
-_LEAST = 1e-16
+_MIN_AXIS_END = 1e-16
 """Minimum for the lower end of a logarithmic axis, in m or degrees."""
 
 
@@ -284,7 +284,7 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
         scaled = np.array([1e-12, 1e-9])
     largest = scaled.max()
     # a few samples, such as zeros with rounding errors, must not determine the lower end
-    lowest = max(np.percentile(scaled, 0.5), largest * 1e-16, _LEAST)
+    lowest = max(np.percentile(scaled, 0.5), largest * 1e-16, _MIN_AXIS_END)
     low = int(np.floor(np.log10(lowest) - 0.05))
     top = np.log10(largest)
     top += 0.3 + 0.17 * (top - low)  # room for a label above the largest value

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SHOWN = 14
+_MAX_BARS = 14
 """Maximum number of contributions that have their own bar; a further bar is the sum of all other contributions."""
 
 
@@ -42,8 +42,8 @@ def figure(budget: ToleranceBudget) -> Figure:
 
 
 def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
-    """Return the first `_SHOWN` contributions, which are the largest, and one for the sum of all others."""
-    others = contributors[_SHOWN:]
+    """Return the first `_MAX_BARS` contributions, which are the largest, and one for the sum of all others."""
+    others = contributors[_MAX_BARS:]
     if not others:
         return contributors
     position = 0
@@ -52,7 +52,7 @@ def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
         position += component["position"]
         rotation += component["rotation"]
     others_row = {"what": f"{len(others)} others", "position": position, "rotation": rotation}
-    return [*contributors[:_SHOWN], others_row]
+    return [*contributors[:_MAX_BARS], others_row]
 
 
 def _draw_states(ax: Axes, states: list[JsonObject], required: float | None) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_TICKS = 25
+_MEAN_TICKS = 25
 """Length in ticks of the window for the running mean of the effort."""
 
 _NEAR_LIMIT = 60.0
@@ -153,8 +153,8 @@ def _up_to(ax: Axes, largest: float) -> None:
 
 
 def _mean(y: Array) -> Array:
-    """Return the running mean (k,) over `_TICKS` samples."""
-    half = min(_TICKS // 2, (len(y) - 1) // 2)
+    """Return the running mean (k,) over `_MEAN_TICKS` samples."""
+    half = min(_MEAN_TICKS // 2, (len(y) - 1) // 2)
     padded = np.pad(y, half, mode="edge")
     width = 2 * half + 1
     return np.convolve(padded, np.full(width, 1 / width), mode="valid")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LEAST = 1e-2
+_MIN_DEVIATION = 1e-2
 """Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
 
@@ -70,7 +70,7 @@ def _draw_scales(ax: Axes, scales: Mapping[str, Sequence[ScaleRow]]) -> None:
     middle = float(x.mean())
     ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="published, over all scales")
     ax.set_yscale("log")
-    ax.set_ylim(_LEAST, 10)
+    ax.set_ylim(_MIN_DEVIATION, 10)
     ax.set_yticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
     ax.set_xticks(x)
     ax.set_title("deviation of the tips in motions without a fault, by motion scale", loc="left", fontsize=8.5)
@@ -82,11 +82,11 @@ def _draw_stuck(ax: Axes, deviation: Array) -> None:
     """Draw the deviation (k,) of the tip in mm at each tick, and the limit of 3 mm."""
     times = TICK * np.arange(1.0, len(deviation) + 1)
     # the axis is logarithmic, and a machine without a fault has no deviation at first
-    t, y = thin(times, np.maximum(deviation, _LEAST))
+    t, y = thin(times, np.maximum(deviation, _MIN_DEVIATION))
     ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
     ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")
     ax.set_yscale("log")
     ax.set_xlim(0, 34)
-    ax.set_ylim(_LEAST, 300)
+    ax.set_ylim(_MIN_DEVIATION, 300)
     ax.set_yticks([0.01, 1, 100], ["0.01", "1", "100"])
     ax.set_ylabel("tip [mm]")

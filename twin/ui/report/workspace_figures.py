@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
+_SECTION_AXES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 """Axes (0, 1, 2 for x, y, z) of each section: horizontal axis, vertical axis, axis normal to the section."""
 
 
@@ -46,7 +46,7 @@ def figure(workspace: Workspace) -> Figure:
         top = float(np.nanquantile(values, 0.995))  # a few singular values must not make all others dark
 
     if len(workspace.grid.axes) == 3:
-        sections = _SECTIONS
+        sections = _SECTION_AXES
         rows = 2
         column_gap = 0.28
         bar_place = (0.915, 0.55, 0.014, 0.33)
@@ -88,7 +88,7 @@ def _draw_section(
 
 def _flat(axes: tuple[int, ...]) -> tuple[int, int, int]:
     """Return the section that contains all positions, if the positions differ only along `axes`."""
-    for section in _SECTIONS:
+    for section in _SECTION_AXES:
         if set(axes) <= set(section[:2]):
             return section
     raise AssertionError(f"no section contains the axes {axes}")

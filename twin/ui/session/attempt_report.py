@@ -8,7 +8,7 @@ from twin.core.errors import TwinError
 from twin.core.jobs import Call
 from twin.ui.session.exercise import MakeReport
 
-_NICE = 10
+_NICE_INCREMENT = 10
 """Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
 
 
@@ -32,7 +32,7 @@ class AttemptReport:
             return
         self.close()
         self._attempt = attempt
-        self._call = Call(self._make, str(session), str(scene), nice=_NICE)
+        self._call = Call(self._make, str(session), str(scene), nice=_NICE_INCREMENT)
 
     def newest(self) -> tuple[int, bytes | None, str] | None:
         """Return (number of the attempt, page as bytes, error); None if no report was begun.

@@ -38,20 +38,20 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_TOOL,
 )
 
-_STUCK = 30.0
+_STUCK_PEDAL_TIME = 30.0
 """Time in s after which a pedal that is still pressed is reported, because it may be stuck (ASSUMED)."""
 
-_AT_JOINT_LIMIT = 1e-6
+_JOINT_LIMIT_TOLERANCE = 1e-6
 """Distance in rad or m from a limit up to which a joint is at it: solvers stop that near."""
 
-_AT_CAMERA_LIMIT = 1e-9
+_CAMERA_LIMIT_TOLERANCE = 1e-9
 """Distance in rad or m from a limit up to which the camera is at it: it is clipped, so only rounding remains."""
 
-_LIMIT_DISTANCE = 0.5 * MM
-"""A joint limit is reported if goal and tool are at least this distance in m apart, or `_LIMIT_ANGLE`."""
+_REPORTED_DISTANCE = 0.5 * MM
+"""A joint limit is reported if goal and tool are at least this distance in m apart, or `_REPORTED_ANGLE`."""
 
-_LIMIT_ANGLE = 1 * DEG
-"""A joint limit is reported if goal and tool differ by at least this angle in rad, or `_LIMIT_DISTANCE`."""
+_REPORTED_ANGLE = 1 * DEG
+"""A joint limit is reported if goal and tool differ by at least this angle in rad, or `_REPORTED_DISTANCE`."""
 
 
 class ConsoleState:
@@ -102,10 +102,10 @@ class ConsoleState:
         if mode == TOOLS or silent:
             self._pressed = t
             return None
-        if t - self._pressed < _STUCK:
+        if t - self._pressed < _STUCK_PEDAL_TIME:
             return None
         pedal = "camera" if mode == CAMERA else "clutch"
-        return f"the {pedal} pedal has been pressed for {_STUCK:g} s: release it if it is stuck"
+        return f"the {pedal} pedal has been pressed for {_STUCK_PEDAL_TIME:g} s: release it if it is stuck"
 
     def _hand(self, hand: str, arm: str) -> JsonObject:
         signals = self._world.signals
@@ -170,13 +170,13 @@ def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
     T = member.kin.forward(q, goal)
     distance = float(np.linalg.norm(goal[:3, 3] - T[:3, 3]))
     angle = float(spatial.rotation_angle(goal[:3, :3] @ T[:3, :3].T))
-    if distance < _LIMIT_DISTANCE and angle < _LIMIT_ANGLE:
+    if distance < _REPORTED_DISTANCE and angle < _REPORTED_ANGLE:
         return None
     for k, joint in enumerate(member.mechanism.active):
         if member.kin.auxiliary[k]:  # the gripper is moved by its own input, not by the goal
             continue
         low, high = joint.limits or (-np.inf, np.inf)
-        if _at_limit(q[k], low, high, _AT_JOINT_LIMIT):
+        if _at_limit(q[k], low, high, _JOINT_LIMIT_TOLERANCE):
             return f"{joint.name} is at its limit, {_length_or_angle(q[k], joint.is_angle)}"
     return None
 
@@ -184,7 +184,7 @@ def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
 def camera_limit(at: Array, drag: Drag) -> str | None:
     """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
     for k, name in enumerate(("pan", "tilt", "depth", "roll")):
-        if _at_limit(at[k], drag.lower[k], drag.upper[k], _AT_CAMERA_LIMIT):
+        if _at_limit(at[k], drag.lower[k], drag.upper[k], _CAMERA_LIMIT_TOLERANCE):
             is_angle = name != "depth"
             return f"{name} is at its limit, {_length_or_angle(at[k], is_angle)}"
     return None

@@ -8,14 +8,14 @@ from twin.core import units
 from twin.core.spatial import Array
 from twin.model.body import Body
 
-CREASE = np.radians(35)
+CREASE_ANGLE = np.radians(35)
 """Angle in rad between two adjacent faces above which their common edge is drawn sharp."""
 
-Look = tuple[Array, np.ndarray, tuple[int, int, int], float]
+DisplayMesh = tuple[Array, np.ndarray, tuple[int, int, int], float]
 """A mesh: vertices (n, 3) in m in the body's frame, triangles (m, 3), colour (sRGB, 0 to 255), opacity (0 to 1)."""
 
 
-def looks(body: Body) -> list[Look]:
+def display_meshes(body: Body) -> list[DisplayMesh]:
     """Return the meshes of a body, merged by colour so that the browser has few scene nodes."""
     by_color: dict[tuple[float, ...], list[tuple[Array, np.ndarray]]] = {}
     for mesh in body.meshes:
@@ -61,7 +61,7 @@ def _smooth_pairs(vertices: Array, f: np.ndarray) -> tuple[np.ndarray, np.ndarra
     same = key[order][1:] == key[order][:-1]
     face = order[:-1][same] // 3
     neighbour = order[1:][same] // 3
-    smooth = np.einsum("ij,ij->i", normals[face], normals[neighbour]) > np.cos(CREASE)
+    smooth = np.einsum("ij,ij->i", normals[face], normals[neighbour]) > np.cos(CREASE_ANGLE)
     return face[smooth], neighbour[smooth]
 
 

@@ -24,7 +24,7 @@ from twin.reference.states import Assembly
 _WITH_QUATERNION = ("spherical", "free")
 """Types of passive joints whose state ends with a quaternion: w, x, y, z in the compiled equations."""
 
-SECONDS = 0.014
+STEP_SECONDS = 0.014
 """Processor time in s after which a drag step stops; the next call continues."""
 
 
@@ -76,14 +76,14 @@ class DragSolver:
                 grip = last_grip
         if grip is None:
             grip = DragGrip(self.dragger, now.q, self._unknowns(now), GrabbedPoint(body, p_body))
-        dragged = grip.to(target, SECONDS)
+        dragged = grip.to(target, STEP_SECONDS)
         assembly = self._closed(now, dragged)
         self._last = (assembly, body, p_body, grip)
         return assembly, dragged
 
     def joints(self, assembly: Assembly, q: Array) -> tuple[Assembly, Dragged]:
         """Move the active joints towards q (n,) in m or rad; return (new assembly, result), as `point` does."""
-        dragged = self.dragger.move_joints(assembly.q, self._unknowns(assembly), q, SECONDS)
+        dragged = self.dragger.move_joints(assembly.q, self._unknowns(assembly), q, STEP_SECONDS)
         return self._closed(assembly, dragged), dragged
 
     def tools(self, assembly: Assembly, q: Array) -> list[Array]:
@@ -96,7 +96,7 @@ class DragSolver:
         with contextlib.suppress(AssemblyError, MechanismError):
             poses.append(dragger.solver.forward(q))
         u_now = self._unknowns(assembly)
-        u_dragged = dragger.move_joints(assembly.q, u_now, q, SECONDS).u
+        u_dragged = dragger.move_joints(assembly.q, u_now, q, STEP_SECONDS).u
         for guess in (u_now, u_dragged):
             u = dragger.solver.close(q, guess)
             if u is not None:

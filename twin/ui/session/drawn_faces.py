@@ -20,10 +20,10 @@ from twin.core.units import MM
 from twin.exchange.formats.step.read import bodies
 from twin.exchange.read.imported_robot import Findings, Names
 
-_NEW = CadTolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
+_DEFAULT_TOLERANCE = CadTolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
 """Section [tolerance] of a new description."""
 
-_NO_AREA = 1e-30
+_MIN_DETERMINANT = 1e-30
 """Determinant in m2 below which a ray is in the plane of a triangle, or the triangle has no area."""
 
 
@@ -90,7 +90,7 @@ class StepDrawing:
         self.placement_error = step.placement_error
         self.source: Path | None = None
         self.note = ""
-        self.tolerance = _NEW
+        self.tolerance = _DEFAULT_TOLERANCE
         self._description: Description | None = None
         self.parts = _by_node(step)
         beside = _description_beside(path)
@@ -219,7 +219,7 @@ def _first_triangle(corners: Array, origin: Array, direction: Array) -> int | No
     ac = corners[:, 2] - a
     p = np.cross(direction, ac)
     determinant = np.einsum("ij,ij->i", ab, p)
-    crosses = np.abs(determinant) > _NO_AREA
+    crosses = np.abs(determinant) > _MIN_DETERMINANT
     scale = 1.0 / np.where(crosses, determinant, 1.0)
     from_a = origin - a
     # barycentric coordinates of the point in which the ray meets the plane of each triangle

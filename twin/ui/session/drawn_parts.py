@@ -20,14 +20,14 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body, Finish, Mesh
 from twin.schema import Identifier, Origin, Positive, Table, Vector, error_at, load_toml
-from twin.ui.session.drawn_solids import SolidTable, box, check_solid, placed, rod
+from twin.ui.session.drawn_solids import SolidTable, box, check_solid, placed_surface, rod
 
-FILE = "scenery.toml"
+SCENERY_FILE = "scenery.toml"
 
 Pattern = Literal["plain", "tissue"]
 """Pattern on a surface: none, or the blotches and vessels of tissue."""
 
-_STRAND = 1.5 * MM
+_BELT_THICKNESS = 1.5 * MM
 """Thickness of a belt."""
 
 _BLACK = (0.02, 0.02, 0.022, 1.0)
@@ -138,7 +138,7 @@ def drawn_parts(description: Path, bodies: Iterable[str], props: Iterable[str] =
     Raises:
         DescriptionError: the file is invalid; the message has file, line, key, value and the allowed values.
     """
-    path = description.parent / FILE
+    path = description.parent / SCENERY_FILE
     if not path.is_file():
         return None
     return read_drawn(path, bodies, props)
@@ -157,7 +157,7 @@ def read_drawn(path: Path, bodies: Iterable[str], props: Iterable[str] = ()) -> 
     meshes: dict[tuple[str, Pattern], list[Mesh]] = {}
     for number, part in enumerate(table.part):
         check_solid(path, ("part", number), part)
-        points, triangles = placed(part)
+        points, triangles = placed_surface(part)
         # a colour without opacity is opaque
         r, g, b, a = (*part.color, 1.0)[:4]
         mesh = Mesh(part.name, points, triangles, (r, g, b, a), Finish("", 0.0, 0.6))
@@ -222,14 +222,14 @@ def _belt(belt: BeltTable) -> list[Mesh]:
     meshes = []
     for number, side in enumerate((-1, 1)):
         # the strand lies on the pulley: its outer face is at the radius
-        middle = 0.5 * (start + end) + side * (radius - 0.5 * _STRAND) * across
-        points, triangles = box(np.array([length, width, _STRAND]))
+        middle = 0.5 * (start + end) + side * (radius - 0.5 * _BELT_THICKNESS) * across
+        points, triangles = box(np.array([length, width, _BELT_THICKNESS]))
         meshes.append(
             Mesh(f"{belt.name}_strand{number}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8))
         )
     for number, centre in enumerate((start, end)):
         ends = np.array([centre - 0.5 * width * axis, centre + 0.5 * width * axis])
-        meshes.append(_rod(f"{belt.name}_pulley{number}", ends, 2 * (radius - _STRAND), _STEEL))
+        meshes.append(_rod(f"{belt.name}_pulley{number}", ends, 2 * (radius - _BELT_THICKNESS), _STEEL))
     if belt.motor_mm is not None:
         diameter, extent = (value * MM for value in belt.motor_mm)
         face = start + 0.5 * width * axis

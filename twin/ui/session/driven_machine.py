@@ -21,7 +21,7 @@ from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.state_packets import State
 
-_APART = 1e-5
+_STANDING_TOLERANCE = 1e-5
 """Difference in m or rad up to which the robot of the page counts as standing where the machine stands."""
 
 
@@ -114,7 +114,7 @@ class DrivenMachine:
     def elsewhere(self, q: Array) -> Array | None:
         """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
         state = self._link.state
-        if state is None or np.abs(state.q - q).max() <= _APART:
+        if state is None or np.abs(state.q - q).max() <= _STANDING_TOLERANCE:
             return None
         return state.q
 
@@ -156,7 +156,7 @@ class DrivenMachine:
         }
 
 
-_PAUSE = 0.5
+_CONNECTION_PAUSE = 0.5
 """Time in s before each attempt to connect."""
 
 
@@ -188,7 +188,7 @@ class Reconnection:
             link.close()
 
     def _run(self) -> None:
-        while not self._ends.wait(_PAUSE):
+        while not self._ends.wait(_CONNECTION_PAUSE):
             try:
                 link = MachineLink(self._address, self._n)
             except DeviceError:

@@ -17,7 +17,7 @@ from twin.core.units import DEG, MM
 from twin.exchange.read.toml_text import one_line, rows
 from twin.ui.session.drawn_faces import DrawnFace, StepDrawing, in_mm
 
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_TOML_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @dataclass
@@ -153,7 +153,7 @@ class FacePicker:
         """
         if self.current is None:
             raise TwinError("no face is picked: click one, then name it")
-        if not _NAME.fullmatch(name):
+        if not _TOML_NAME.fullmatch(name):
             raise TwinError(f"'{name}' is no name: use lower-case letters, digits and underscores, a letter first")
         body = self.current.drawn.body
         for picked_face in self.picked:

@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.core.program_end import ending
 from twin.ui.session.movable_robot import MovableRobot
 
-POLL = 0.1
+POLL_PERIOD = 0.1
 """Time in s between two looks at the files. A change is used when two looks see the same files: it is complete then."""
 
 Stamps = dict[Path, tuple[int, int]]
@@ -59,12 +59,12 @@ class RobotFileWatch:
         self._tool = tool
         self._used = self._stamps()
         self._seen = self._used
-        self._looked = -POLL
+        self._looked = -POLL_PERIOD
         self._thread: threading.Thread | None = None
         self._result: Reloaded | None = None
 
     def poll(self, now: float) -> Reloaded | None:
-        """Look at the files, at most every `POLL` s; return a new result once. `now`: time in s of any clock."""
+        """Look at the files, at most every `POLL_PERIOD` s; return a new result once. `now`: time in s of any clock."""
         if self._thread is not None:
             if self._thread.is_alive():
                 return None
@@ -72,7 +72,7 @@ class RobotFileWatch:
             result = self._result
             self._result = None
             return result
-        if now - self._looked < POLL:
+        if now - self._looked < POLL_PERIOD:
             return None
         self._looked = now
         stamps = self._stamps()

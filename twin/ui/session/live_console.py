@@ -55,21 +55,21 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.organ_feeds import WorldFeed
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
-from twin.ui.session.task_choice import FIXING, judged
+from twin.ui.session.task_choice import EXERCISE_OPTIONS, judged
 
 if TYPE_CHECKING:
     from twin.ui.session.forms import When
 
-_BUDGET = 0.012
+_STEPPING_TIME = 0.012
 """Real time in s after which a call of `advance` stops stepping the World."""
 
-_CHUNK = 4
+_STEPS_PER_CHECK = 4
 """Number of steps of the World between two checks of the time."""
 
-_OWED = 0.1
+_MAX_DELAY = 0.1
 """Maximum delay in s that the World makes up for by later steps; the rest of a longer delay is never made up for."""
 
-_MEAN_TIME = 2.0
+_RATE_MEAN_TIME = 2.0
 """Real time in s over which the displayed rate of the World is a mean, so that it does not flicker."""
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
@@ -304,7 +304,7 @@ class LiveConsole:
             return f"scene '{self.scene.name}' has the machines of a trainer, so that its page cannot start a task"
         if not judged(self.scene.tasks):
             return f"scene '{self.scene.name}' has no task that a page judges"
-        options = ", ".join(f"--{option}" for option in FIXING)
+        options = ", ".join(f"--{option}" for option in EXERCISE_OPTIONS)
         return f"to choose a task on the page, start it without all of {options}"
 
     def end(self, client: str) -> None:
@@ -407,7 +407,7 @@ class LiveConsole:
 
     def _step(self, passed: float) -> None:
         dt = self.world.dt
-        end = time.monotonic() + _BUDGET
+        end = time.monotonic() + _STEPPING_TIME
         self._owed += passed
         step_count = int(self._owed / dt + 1e-6)  # a whole number of steps may be a rounding error too small
         remaining = step_count
@@ -424,14 +424,14 @@ class LiveConsole:
             logging.getLogger(__name__).error("the World has stopped: %s", error)
         self._after_steps(remaining > 0)
         simulated = (step_count - remaining) * dt
-        self._owed = min(self._owed - simulated, _OWED)
-        weight = min(1.0, passed) / _MEAN_TIME
+        self._owed = min(self._owed - simulated, _MAX_DELAY)
+        weight = min(1.0, passed) / _RATE_MEAN_TIME
         self._rate += weight * (simulated / passed - self._rate)
 
     @property
     def _chunk(self) -> int:
         """Number of steps of the World in a group."""
-        return _CHUNK
+        return _STEPS_PER_CHECK
 
     def _before_steps(self, parts: int) -> None:
         """Prepare a group of steps of the World; `parts` is the number of remaining groups, including this one."""

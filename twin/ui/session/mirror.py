@@ -19,10 +19,10 @@ from twin.simulation.machine.state_packets import State
 from twin.simulation.world import Block, Placed, Signals, World
 from twin.simulation.world.signal_kinds import ROBOT_APART, ROBOT_DESIRED, ROBOT_MEASURED, ROBOT_Q, ROBOT_RUN
 
-_TICK = 1 / 60
+_TICK_DURATION = 1 / 60
 """Duration in s of a tick of the World."""
 
-_LARGEST = 1e4
+_MAX_JOINT_VALUE = 1e4
 """Largest joint value in rad or m that is shown (ASSUMED); at much larger values no pose can be computed."""
 
 
@@ -79,7 +79,7 @@ class Mirror:
             robots=[Placed(n, robot.mechanism, np.eye(4), self._links) for n in (self.name, self.ghost)],
             devices=[self._states],
             plants=[_Shown(self.name, q)],
-            dt=_TICK,
+            dt=_TICK_DURATION,
             records=False,
         )
         tool = robot.mechanism.frame(robot.mechanism.tool)
@@ -98,9 +98,9 @@ class Mirror:
         self._misfit = ""
         if state is not None:
             largest = float(np.abs([state.q, state.wanted]).max())
-            if largest > _LARGEST:
+            if largest > _MAX_JOINT_VALUE:
                 self._misfit = (
-                    f"a joint value of the machine is {largest:g} rad or m (limit {_LARGEST:g}): check its unit"
+                    f"a joint value of the machine is {largest:g} rad or m (limit {_MAX_JOINT_VALUE:g}): check its unit"
                 )
                 state = None
         self._states.give(state)

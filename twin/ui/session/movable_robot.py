@@ -33,34 +33,34 @@ from twin.ui.session.drag_solver import DragSolver
 
 _Value = TypeVar("_Value")
 
-START = "start"
+START_POSTURE = "start"
 """Name in the list of postures of the joint values at which the pages open."""
 
-UNDOS = 50
+MAX_UNDOS = 50
 """Maximum number of moves that can be undone."""
 
 _HALVINGS = 10
 """Number of halvings in the search for the last reachable pose on the way to a target: 1024 parts of the way."""
 
-_ROUNDING = 1e-9
+_LIMIT_ROUNDING = 1e-9
 """Excess of a limit in m or rad that counts as rounding."""
 
-_ARRIVED = 1e-12
+_JOINT_TOLERANCE = 1e-12
 """Difference in m or rad between a joint and its target up to which the joint has arrived."""
 
-_REACHED = 0.05 * MM
+_POINT_TOLERANCE = 0.05 * MM
 """Distance in m between a dragged point and its target up to which the target is reached: too small to be seen."""
 
-_RIGID = 1e-6
+_POSE_TOLERANCE = 1e-6
 """Tolerance of `spatial.is_pose` for requested poses, which clients send as rounded numbers."""
 
-_STEEP = 0.9
+_STEEP_COSINE = 0.9
 """Cosine of the angle to the view from which the y axis of the camera is too steep to be the upward direction."""
 
-_AHEAD = 0.1
+_VIEW_DISTANCE = 0.1
 """Distance in m from the camera to the points ahead of it and above it."""
 
-ENDOSCOPE = "endoscope_tip"
+ENDOSCOPE_FRAME = "endoscope_tip"
 """Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
 
 
@@ -113,7 +113,7 @@ class MovableRobot:
         self._kept: dict[str, Array] = {}
         self._before: list[Array] = []  # joint values stored by `remember`, the newest last
         if start_of(robot):
-            self.keep(START)
+            self.keep(START_POSTURE)
         self._frame = self.mechanism.tool
         self._axis = np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
@@ -146,21 +146,21 @@ class MovableRobot:
         """
         frame = self.mechanism.frame(self._frame)
         for candidate in self.mechanism.frames:
-            if candidate.name == ENDOSCOPE:
+            if candidate.name == ENDOSCOPE_FRAME:
                 frame = candidate
                 break
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
         lens = T[:3, 3]
-        if frame.name == ENDOSCOPE:
+        if frame.name == ENDOSCOPE_FRAME:
             ahead = T[:3, 2]
         else:
             ahead = T[:3, :3] @ self._axis
         # an upward direction that is almost along the view would leave the roll of the picture undefined
-        if abs(ahead @ T[:3, 1]) < _STEEP:
+        if abs(ahead @ T[:3, 1]) < _STEEP_COSINE:
             above = -T[:3, 1]
         else:
             above = T[:3, 0]
-        return lens, lens + _AHEAD * ahead, lens + _AHEAD * above
+        return lens, lens + _VIEW_DISTANCE * ahead, lens + _VIEW_DISTANCE * above
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -184,7 +184,7 @@ class MovableRobot:
 
         with self.lock:
             result = self._try(go, T_base_tool)
-            if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, _RIGID):
+            if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, _POSE_TOLERANCE):
                 return result
             # The orientation is not reached, so `requested_pose` must not be set: it is used in comparisons.
             tool = self.mechanism.frame(self.mechanism.tool)
@@ -204,7 +204,7 @@ class MovableRobot:
         """
         with self.lock:
             result = self.move_tool(T_base_tool)
-            if result.good or not self._sets_pose or not spatial.is_pose(T_base_tool, _RIGID):
+            if result.good or not self._sets_pose or not spatial.is_pose(T_base_tool, _POSE_TOLERANCE):
                 return result
             begin = time.perf_counter()
             self._approach(T_base_tool)
@@ -253,7 +253,7 @@ class MovableRobot:
             if drags[0].more:
                 text = f"{self.joints[joint].name} is still moving"
                 self.last_move = MoveResult(False, text, result.seconds, True)
-            elif abs(self.assembly.q[joint] - value) > _ARRIVED:
+            elif abs(self.assembly.q[joint] - value) > _JOINT_TOLERANCE:
                 self.last_move = replace(result, good=False, reason=self._joint_reason(joint, value, drags[0]))
             return self.last_move
 
@@ -283,7 +283,7 @@ class MovableRobot:
             if drags[0].more:
                 text = f"{body} is still moving, {distance / MM:.1f} mm short of the target"
                 self.last_move = MoveResult(False, text, result.seconds, True)
-            elif distance > _REACHED:
+            elif distance > _POINT_TOLERANCE:
                 coordinates = " ".join(f"{v:.1f}" for v in position / MM)
                 text = f"{body} stops {distance / MM:.1f} mm short of the target, at [{coordinates}] mm"
                 why = reasons.of_point(self.mechanism, drags[0])
@@ -313,7 +313,7 @@ class MovableRobot:
     def remember(self) -> None:
         """Store the present joint values, so that `undo` can return to them."""
         with self.lock:
-            newest = self._before[1 - UNDOS :]
+            newest = self._before[1 - MAX_UNDOS :]
             self._before = [*newest, self.assembly.q.copy()]
 
     def undo(self) -> MoveResult:
@@ -328,7 +328,7 @@ class MovableRobot:
 
     def _is_at(self, q: Array) -> bool:
         """Return whether the active joints have the values q (n,)."""
-        return bool(np.abs(q - self.assembly.q).max(initial=0.0) < _ROUNDING)
+        return bool(np.abs(q - self.assembly.q).max(initial=0.0) < _LIMIT_ROUNDING)
 
     def keep(self, name: str) -> None:
         """Store the present joint values under a name, so that `go_to_posture` can move there."""
@@ -471,7 +471,7 @@ class MovableRobot:
             old_excess = _excess(joint, self.assembly)
             excess = _excess(joint, assembly)
             # a robot that is beyond a limit already may move, but not farther beyond it
-            if excess > max(0.0, old_excess) + _ROUNDING:
+            if excess > max(0.0, old_excess) + _LIMIT_ROUNDING:
                 limits = reasons.limit_range(joint)
                 text = f"{joint.name} would exceed its limits of {limits} by {reasons.shown(joint, excess)}"
                 raise KinematicsError(text)
@@ -484,12 +484,12 @@ class MovableRobot:
             KinematicsError: a limit is exceeded; the message names it.
         """
         for joint, value, (low, high) in zip(self.joints, q, self.mechanism.limits, strict=True):
-            if not low - _ROUNDING <= value <= high + _ROUNDING:
+            if not low - _LIMIT_ROUNDING <= value <= high + _LIMIT_ROUNDING:
                 raise KinematicsError(reasons.beyond(joint, float(value), low, high))
         for bound in self.solver.bounds:
             slack = bound.slack(q)
             # a robot that is beyond a limit already may move, but not farther beyond it
-            if slack >= min(0.0, bound.slack(self.assembly.q)) - _ROUNDING:
+            if slack >= min(0.0, bound.slack(self.assembly.q)) - _LIMIT_ROUNDING:
                 continue
             if bound.kind == "motor":
                 limits = reasons.motor_limits(self.mechanism, bound)
@@ -509,7 +509,7 @@ class MovableRobot:
         with self.lock:
             start = time.perf_counter()
             try:
-                if requested_pose is not None and not spatial.is_pose(requested_pose, _RIGID):
+                if requested_pose is not None and not spatial.is_pose(requested_pose, _POSE_TOLERANCE):
                     raise KinematicsError("the requested pose is not rigid")
                 assembly = go()
             except (KinematicsError, AssemblyError) as error:

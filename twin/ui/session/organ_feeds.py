@@ -18,11 +18,11 @@ from twin.simulation.world import World
 from twin.simulation.world.signal_kinds import ORGAN_FREED, ORGAN_NODES
 from twin.ui.session.deformable_feed import FieldSurface
 
-_MOST_STEPS = 2
+_MAX_STEPS = 2
 """Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make
 the next picture late, too. On a slower page, the organs lag behind the links."""
 
-_FAR_AWAY = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
+_FAR_POSE = spatial.pose(p=np.array([0.0, 0.0, 100.0]))
 """Pose of the links before the first picture, far from the organs. A link that is inside an organ in the first picture
 thus counts as having jumped into the organ; the link touches the organ only after it has been outside."""
 
@@ -60,7 +60,7 @@ class OrganFeed:
             self.touching[robot] = tuple(body.name for body in bodies)
             for body in bodies:
                 tools.append(Tool(robot, body))
-        self.organs = Organs(tissues, tools, [_FAR_AWAY] * len(tools), ORGANS)
+        self.organs = Organs(tissues, tools, [_FAR_POSE] * len(tools), ORGANS)
         self._due_steps = 0.0
         self._is_first = True
 
@@ -71,7 +71,7 @@ class OrganFeed:
         time in s since the last call.
         """
         poses = [links[tool.robot][tool.body.name] for tool in self.organs.tools]
-        self._due_steps = min(self._due_steps + passed / ORGANS, float(_MOST_STEPS))
+        self._due_steps = min(self._due_steps + passed / ORGANS, float(_MAX_STEPS))
         steps = int(self._due_steps + 1e-9)  # a whole number of steps may be a rounding error too small
         if self._is_first:
             steps = max(steps, 1)

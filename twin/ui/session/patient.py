@@ -19,7 +19,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
-from twin.ui.session.drawn_solids import SolidTable, check_solid, placed, points_of, pose_of
+from twin.ui.session.drawn_solids import SolidTable, check_solid, placed_surface, pose_of, surface_of
 
 
 class PartTable(SolidTable):
@@ -215,10 +215,10 @@ def _fixed(name: str, meshes: Sequence[Mesh]) -> Mechanism:
 def _mesh(part: PartTable, T_base_patient: Array, floor: float) -> Mesh:
     """Return the mesh of a part in the base frame; `floor` is the height in m of the floor in this frame."""
     if part.shape == "limb":
-        points, triangles = placed(part)
+        points, triangles = placed_surface(part)
         T = T_base_patient
     else:
-        points, triangles = points_of(part)
+        points, triangles = surface_of(part)
         T = T_base_patient @ pose_of(part)
     if part.floor and part.shape == "dome":
         T[2, 3] = floor

@@ -20,21 +20,21 @@ from twin.simulation.controllers.jaw import TRAVEL
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.received_hands import HandState
 from twin.ui.session.live_console import HeldError, LiveConsole
-from twin.ui.session.plan_view import RESTS
+from twin.ui.session.plan_view import RESTING_PHASES
 
-STEP = 0.02
+MAX_TRANSLATION = 0.02
 """Maximum translation in m of a handle in one call of `say`. The console could ignore a larger motion as a jump."""
 
-TURN = 0.3
-"""Maximum rotation in rad of a handle in one call of `say`; see `STEP`."""
+MAX_ROTATION = 0.3
+"""Maximum rotation in rad of a handle in one call of `say`; see `MAX_TRANSLATION`."""
 
-SQUEEZE = 4.0
+GRIP_SPEED = 4.0
 """Largest angular speed of a gripper in rad/s."""
 
-ROLL = 5 * DEG
+HOLD_ROTATION = 5 * DEG
 """Rotation in rad of a handle about its axis, which shows the console that the handle is held (minimum: 4 deg)."""
 
-IDLE = 5.0
+IDLE_TIMEOUT = 5.0
 """Time in s without a request after which a client's hands are released for other clients."""
 
 
@@ -47,7 +47,7 @@ class Pen:
         grip: requested angle of the gripper in rad.
         at, turned, gripped: position (3,) in m, attitude (3, 3) and gripper angle in rad last sent to the console.
         used: whether a request has moved the handle since the client took the hands.
-        rolled: number of the last state in which the handle was rotated by `ROLL`; -1 before the first such rotation.
+        rolled: number of the last state in which the handle was rotated by `HOLD_ROTATION`; -1 before the first one.
     """
 
     p: Array
@@ -77,23 +77,23 @@ class Pen:
     def next(self, seconds: float) -> None:
         """Compute the next state to send; `seconds` is the time in s since the last state.
 
-        Position, attitude and gripper angle change towards the requested values by at most `STEP`, `TURN` and
-        `SQUEEZE` * `seconds`.
+        Position, attitude and gripper angle change towards the requested values by at most `MAX_TRANSLATION`,
+        `MAX_ROTATION` and `GRIP_SPEED` * `seconds`.
         """
         displacement = self.p - self.at
         length = float(np.linalg.norm(displacement))
-        if length <= STEP:
+        if length <= MAX_TRANSLATION:
             self.at = self.p.copy()
         else:
-            self.at = self.at + displacement * (STEP / length)
+            self.at = self.at + displacement * (MAX_TRANSLATION / length)
         rotation = spatial.log_so3(self.R @ self.turned.T)
         angle = float(np.linalg.norm(rotation))
-        if angle <= TURN:
+        if angle <= MAX_ROTATION:
             self.turned = self.R.copy()
         else:
-            self.turned = spatial.exp_so3(rotation * (TURN / angle)) @ self.turned
+            self.turned = spatial.exp_so3(rotation * (MAX_ROTATION / angle)) @ self.turned
         opening = self.grip - self.gripped
-        largest = SQUEEZE * seconds
+        largest = GRIP_SPEED * seconds
         if abs(opening) <= largest:
             self.gripped = self.grip
         else:
@@ -137,7 +137,7 @@ class Pens:
     # -- requests of clients --------------------------------------------------------------------------
 
     def use(self, client: str) -> None:
-        """Give the handles to a client; each call restarts the time `IDLE` after which the handles are released.
+        """Give the handles to a client; each call restarts `IDLE_TIMEOUT`, after which the handles are released.
 
         Raises:
             HeldError: another client controls the hands.
@@ -230,19 +230,19 @@ class Pens:
     def say(self, passed: float) -> None:
         """Send the state of hands and pedals to the console; `passed` is the time in s since the last call.
 
-        The hands are released `IDLE` s after the last request, unless a pedal is pressed.
+        The hands are released `IDLE_TIMEOUT` s after the last request, unless a pedal is pressed.
         """
         if self.client is None:
             return
         self._idle += passed
-        if self._idle > IDLE and self.settled and not (self.clutch or self.camera):
+        if self._idle > IDLE_TIMEOUT and self.settled and not (self.clutch or self.camera):
             self.release()
             return
         reading = self.console.reading
         if self._aim is not None:
             self._towards_aim(self._aim, reading["mode"])
         controls_tools = reading["owner"] == self.client and not reading["silent"] and reading["mode"] == "instruments"
-        at_rest = self.console.planning.phase in RESTS
+        at_rest = self.console.planning.phase in RESTING_PHASES
         camera_pedal = self.camera or self._aim is not None
         for hand, pen in self.pens.items():
             follows = bool(reading["hands"][hand]["follows"])
@@ -250,7 +250,7 @@ class Pens:
                 pen.next(passed)
             elif controls_tools and reading["heard"] >= max(self._first, pen.rolled):
                 # The tool keeps its attitude when it starts to follow, so this rotation does not move the tool.
-                roll = spatial.rotation_z(ROLL)
+                roll = spatial.rotation_z(HOLD_ROTATION)
                 pen.rolled = self._number
                 pen.turned = pen.turned @ roll
                 pen.R = pen.R @ roll

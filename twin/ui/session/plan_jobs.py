@@ -25,16 +25,16 @@ from twin.core.units import MM
 DT = 1e-3
 """Time in s between two poses of a plan: a tick of the World."""
 
-SHOWN = 33 * DT
+PREVIEW_PERIOD = 33 * DT
 """Time in s between two poses of the arm in a preview, a whole number of ticks."""
 
-_EVERY = 0.05
+_PROGRESS_PERIOD = 0.05
 """Time in s between two reports of progress."""
 
-_PLACES = 64
+_CLEARANCE_POINTS = 64
 """Number of points along a motion at which the clearance is computed."""
 
-_CLEARANCE = 2 * MM
+_MIN_CLEARANCE = 2 * MM
 """Minimum clearance of a plan in m. With a smaller minimum, a search would take seconds, and an arm could deviate from
 the plan by more than the clearance."""
 
@@ -44,10 +44,10 @@ _LINEAR_SPEED = 0.1
 _ANGULAR_SPEED = 1.0
 """Speed limit in rad/s of a revolute joint without a speed limit (ASSUMED)."""
 
-_RISE = 0.25
+_RISE_TIME = 0.25
 """Time in s in which a joint without an acceleration limit reaches its largest speed (ASSUMED)."""
 
-_POINTS_A_PIECE = 8
+_POINTS_PER_PIECE = 8
 """Number of points of a motion whose clearances are yielded together; a page draws them while others are computed."""
 
 
@@ -105,7 +105,7 @@ class PlannedMotion:
 
     Attributes:
         Ts: (k, 4, 4) poses of the tool in the base frame, one every `DT` s.
-        shown: (m, links, 4, 4) poses of all links in the base frame, one set every `SHOWN` s.
+        shown: (m, links, 4, 4) poses of all links in the base frame, one set every `PREVIEW_PERIOD` s.
         links: names of the links in `shown`.
         tree: (edges, 2, 3) tip positions at both ends of each edge of the search tree, in m in the base frame; no edges
             if the path is straight.
@@ -156,7 +156,7 @@ def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
 
 
 def _with_progress(job: PlanJob) -> Iterator[Any]:
-    """Yield the results of a plan, made in a thread, and every `_EVERY` s without one the completed fraction."""
+    """Yield the results of a plan, made in a thread, and each `_PROGRESS_PERIOD` without one the completed fraction."""
     # results of the plan, then None, or the error that ended it
     results: queue.SimpleQueue[Any] = queue.SimpleQueue()
     is_cancelled = threading.Event()
@@ -179,7 +179,7 @@ def _with_progress(job: PlanJob) -> Iterator[Any]:
     try:
         while True:
             try:
-                piece = results.get(timeout=_EVERY)
+                piece = results.get(timeout=_PROGRESS_PERIOD)
             except queue.Empty:
                 yield completed
                 continue
@@ -228,7 +228,7 @@ def plan(
     times: Array = np.arange(len(s), dtype=np.float64) * DT
     names, link_poses = _shown_links(arm, q)
     yield PlannedMotion(arm.kin.forward_many(q), link_poses, names, _tips(arm, trees))
-    for part in np.array_split(spread(len(s), _PLACES), _PLACES // _POINTS_A_PIECE):
+    for part in np.array_split(spread(len(s), _CLEARANCE_POINTS), _CLEARANCE_POINTS // _POINTS_PER_PIECE):
         check()
         distances = np.zeros(len(part))
         for k, q_point in enumerate(q[part]):
@@ -239,11 +239,11 @@ def plan(
 
 
 def _shown_links(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
-    """Return (names of the links, their poses (m, links, 4, 4) in the base frame) at every `SHOWN` s of q (k, n).
+    """Return (names of the links, their poses (m, links, 4, 4) in the base frame) at each `PREVIEW_PERIOD` of q (k, n).
 
     The last pose is that of the end of the motion.
     """
-    every = round(SHOWN / DT)
+    every = round(PREVIEW_PERIOD / DT)
     rows = np.append(np.arange(0, len(q), every), len(q) - 1)
     poses = []
     names: tuple[str, ...] = ()
@@ -322,7 +322,7 @@ def _make(room: Room) -> _Arm:
     robot = _load(robots[room.robot])
     space = JointSpace(
         lambda: ReferenceModel(robot.mechanism),
-        max(scene.clearance, _CLEARANCE),
+        max(scene.clearance, _MIN_CLEARANCE),
         around=lambda: obstacles_in_base(room.scene, room.robot, _load, room.poses),
     )
     active = robot.mechanism.active
@@ -331,7 +331,7 @@ def _make(room: Room) -> _Arm:
     for k, joint in enumerate(active):
         assumed_speed = _ANGULAR_SPEED if joint.is_angle else _LINEAR_SPEED
         speed[k] = joint.max_speed or assumed_speed
-        acceleration[k] = joint.max_acceleration or speed[k] / _RISE
+        acceleration[k] = joint.max_acceleration or speed[k] / _RISE_TIME
     return _Arm(space, robot.kinematics(), LinkPoses(robot.loops), speed, acceleration)
 
 

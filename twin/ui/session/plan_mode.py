@@ -35,33 +35,33 @@ from twin.ui.session.plan_jobs import CheckedTarget, Clear, PlanJob, PlannedMoti
 
 PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
 
-_SPEED = 60 * MM
+_TOOL_SPEED = 60 * MM
 """Largest speed of a tool in m/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 
-_TURN = 45 * DEG
+_TOOL_ANGULAR_SPEED = 45 * DEG
 """Largest angular speed of a tool in rad/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 
-_SHARE = 0.75
+_MACHINE_SPEED_SHARE = 0.75
 """Speed limits of a plan for a machine as a fraction of the trainer's limits; packets then follow the plan closely."""
 
-_MOVED = 1e-3
+_MOVED_TOLERANCE = 1e-3
 """Change of a joint in rad or m, since the plan was made, above which the arm counts as moved."""
 
 _MESSAGE_TIME = 6.0
 """Time in s for which the message about the end of a motion is shown."""
 
-_SAME = 1e-4
+_TARGET_TOLERANCE = 1e-4
 """The arm is at the target if the values of each joint at arm and target differ by less than this, in rad or m."""
 
-_NEAR = (0.1 * MM, 0.1 * DEG)
+_UNSEEN_MOTION = (0.1 * MM, 0.1 * DEG)
 """Largest motion of the target in m and rad that the ghost does not follow. Such a motion is too small to be seen, and
 smaller than an arm's deviation at the end of a motion. A trembling hand thus counts as at rest: the target is tested,
 and a plan to the target is computed, only once."""
 
-_AWAY = (1 * MM, 1 * DEG)
+_ERROR_CLEARING_MOTION = (1 * MM, 1 * DEG)
 """Motion of the target in m and rad after which an error is no longer shown (ASSUMED)."""
 
-_REST = 0.15
+_REST_TIME = 0.15
 """Time in s for which a free target must be at rest before the search begins in the phase "aim"."""
 
 
@@ -205,7 +205,7 @@ class PlanMode:
         if self.phase != "aim":
             raise TwinError("there is no target yet: press Plan, and move the target")
         start = self._q_of(self.robot)
-        if np.abs(self._q - start).max() < _SAME:
+        if np.abs(self._q - start).max() < _TARGET_TOLERANCE:
             raise TwinError(f"the target is where {self.robot} is: move the target away first")
         self._enter()
         ahead = self._ahead
@@ -243,12 +243,12 @@ class PlanMode:
         motions[self.robot] = np.abs(self._q_of(self.robot) - self._start)
         for name, motion in motions.items():
             k = int(np.argmax(motion))
-            if motion[k] > _MOVED:
+            if motion[k] > _MOVED_TOLERANCE:
                 joint = self._members[name].mechanism.active[k]
                 text, unit = display_unit(joint.is_angle)
                 raise TwinError(
                     f"{name} has moved since the plan: {joint.name} by {motion[k] / unit:.2g} {text} "
-                    f"(limit {_MOVED / unit:.2g} {text}); plan again"
+                    f"(limit {_MOVED_TOLERANCE / unit:.2g} {text}); plan again"
                 )
         self.phase = "run"
         self.completed = 0.0
@@ -353,7 +353,7 @@ class PlanMode:
     def _follow(self) -> None:
         """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
         target = self._world().signals[ROBOT_TARGET.of(self.robot)][1:].reshape(4, 4)
-        if self.plans.state != OFF and not _near(target, self._target, *_NEAR):
+        if self.plans.state != OFF and not _near(target, self._target, *_UNSEEN_MOTION):
             self._move_ghost(target)
         if not self.ready or self._checks:
             return
@@ -367,9 +367,9 @@ class PlanMode:
             return
         if self._ahead is not None or self._error is not None or self.blocked:
             return
-        if world_time - self._rest_began > _REST:
+        if world_time - self._rest_began > _REST_TIME:
             start = self._q_of(self.robot)
-            if np.abs(self._q - start).max() >= _SAME:
+            if np.abs(self._q - start).max() >= _TARGET_TOLERANCE:
                 self._ahead = _Ahead(self._plan(start))
                 self._stream.start(self._ahead.job)
 
@@ -378,7 +378,7 @@ class PlanMode:
         is_first = not len(self._target)
         self._target = target
         why = self._reach(self._members[self.robot], target)
-        if self._error is not None and not _near(target, self._error[0], *_AWAY):
+        if self._error is not None and not _near(target, self._error[0], *_ERROR_CLEARING_MOTION):
             self._error = None
         if self._error is not None and not why:
             self.message = self._error[1]
@@ -392,7 +392,7 @@ class PlanMode:
         """Return whether a job plans from start (n,) to the present target, in the present surroundings of the arm."""
         if job.room is not self._room or not np.array_equal(job.goal, self._q):
             return False
-        return bool(np.abs(job.start - start).max() <= _MOVED)
+        return bool(np.abs(job.start - start).max() <= _MOVED_TOLERANCE)
 
     def _plan(self, start: Array) -> PlanJob:
         """Return the job that plans a motion from start (n,) to the target."""
@@ -478,7 +478,7 @@ class PlanMode:
             return False
         for name, q in q_others.items():
             motion = np.abs(q - self._q_others[name]).max()
-            if motion > _MOVED:
+            if motion > _MOVED_TOLERANCE:
                 return False
         return True
 
@@ -490,9 +490,9 @@ class PlanMode:
         """Return the largest speeds of the tool in a planned motion, in m/s and rad/s."""
         trainer = self._scene.trainer
         if trainer is None or self.robot not in self._machines:
-            return _SPEED, _TURN
-        speed = min(_SPEED, _SHARE * trainer.speed_mm_s * MM)
-        turn = min(_TURN, _SHARE * trainer.turn_deg_s * DEG)
+            return _TOOL_SPEED, _TOOL_ANGULAR_SPEED
+        speed = min(_TOOL_SPEED, _MACHINE_SPEED_SHARE * trainer.speed_mm_s * MM)
+        turn = min(_TOOL_ANGULAR_SPEED, _MACHINE_SPEED_SHARE * trainer.turn_deg_s * DEG)
         return speed, turn
 
     # -- state ----------------------------------------------------------------------------------------

@@ -9,13 +9,13 @@ import numpy as np
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.session.plan_jobs import SHOWN
+from twin.ui.session.plan_jobs import PREVIEW_PERIOD
 from twin.ui.session.plan_mode import PlanMode, PlanPhase, Preview
 
-RESTS: tuple[PlanPhase, ...] = ("plan", "preview", "run")
+RESTING_PHASES: tuple[PlanPhase, ...] = ("plan", "preview", "run")
 """Phases of planning mode in which the hands move neither an arm nor the target."""
 
-_PAUSE = 0.6
+_END_PAUSE = 0.6
 """Time in s for which the ghost stays at the end of a previewed motion before it repeats the motion."""
 
 
@@ -91,6 +91,6 @@ def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
     k = len(motion.shown) - 1
     if mode.phase == "preview":
         # during the pause, the index would be beyond the last state
-        t_motion = t % (motion.duration + _PAUSE)
-        k = min(k, int(t_motion / SHOWN))
+        t_motion = t % (motion.duration + _END_PAUSE)
+        k = min(k, int(t_motion / PREVIEW_PERIOD))
     return dict(zip(motion.links, motion.shown[k], strict=True))

@@ -13,15 +13,15 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.joint import Joint
 
-LONGEST = 200
+MAX_LENGTH = 200
 """Maximum number of characters: a page sends no longer text."""
 
 
 def posture_text(joints: Sequence[Joint], q: Array, t: float | None) -> str:
     """Return joint values q (n,) in rad or m as degrees and millimetres, with a time t in s; None: no time.
 
-    Numbers have six decimals, or three or one if the text would be longer than `LONGEST`. Return "" if even one decimal
-    is too many.
+    Numbers have six decimals, or three or one if the text would be longer than `MAX_LENGTH`. Return "" if even one
+    decimal is too many.
     """
     for digits in (6, 3, 1):
         numbers = []
@@ -32,7 +32,7 @@ def posture_text(joints: Sequence[Joint], q: Array, t: float | None) -> str:
         text = "q=" + ",".join(numbers)
         if t is not None:
             text += f"&t={t:.3f}"
-        if len(text) <= LONGEST:
+        if len(text) <= MAX_LENGTH:
             return text
     return ""
 

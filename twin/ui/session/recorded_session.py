@@ -20,16 +20,16 @@ from twin.model.mechanism import Mechanism
 from twin.schema import Identifier, Table
 from twin.schema.lines import spell
 
-MOST = 20_000
+MAX_MOMENTS = 20_000
 """Maximum number of moments (recorded states) in a session, enough for five minutes of continuous motion."""
 
 SCHEMA = "twin-posture-session"
 """Name of the format. Files with the name "twin-session", which sessions at a console have as well, are read too."""
 
-_COMMAS = 64 * MOST
+_MAX_COMMAS = 64 * MAX_MOMENTS
 """Maximum number of commas, and so of values, in a session file, which is untrusted."""
 
-_KEYS = 16
+_MAX_KEYS = 16
 """Maximum number of keys in one JSON object of a session file."""
 
 
@@ -73,14 +73,14 @@ class RecordedSession:
         """Append a state: `time` in s, active joints q (n,) in m or rad, T_base_tool (4, 4).
 
         Raises:
-            TwinError: the session is full (`MOST`), the time is not after the last state, q does not match the joints,
-                or the pose is not rigid.
+            TwinError: the session is full (`MAX_MOMENTS`), the time is not after the last state, q does not match the
+                joints, or the pose is not rigid.
         """
         q = np.array(q, float)
         T = np.array(T_base_tool, float)
         where = f"session of {self.robot}, moment {len(self.moments)}"
-        if len(self.moments) >= MOST:
-            raise TwinError(f"{where}: a session has at most {MOST} states; save it, and begin another one")
+        if len(self.moments) >= MAX_MOMENTS:
+            raise TwinError(f"{where}: a session has at most {MAX_MOMENTS} states; save it, and begin another one")
         if not np.isfinite(time) or (self.moments and time <= self.moments[-1].time):
             after = f" after {self.moments[-1].time:g} s" if self.moments else ""
             raise TwinError(f"{where}: time = {time} s must be a finite number{after}")
@@ -155,13 +155,13 @@ class RecordedSession:
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{path}: cannot be read as a session: {error}") from error
         try:
-            if text.count(",") > _COMMAS:
+            if text.count(",") > _MAX_COMMAS:
                 raise ValueError(
-                    f"{text.count(',')} values, more than the maximum of {_COMMAS}; a session of {MOST} states has "
-                    "fewer"
+                    f"{text.count(',')} values, more than the maximum of {_MAX_COMMAS}; a session of {MAX_MOMENTS} "
+                    "states has fewer"
                 )
             # refuses an object with too many keys before pydantic looks at each of them
-            json.loads(text, object_pairs_hook=_small)
+            json.loads(text, object_pairs_hook=_checked_object)
             table = _SessionTable.model_validate_json(text)
         except (json.JSONDecodeError, RecursionError) as error:
             raise TwinError(
@@ -202,14 +202,14 @@ def _joint_list(joints: list[tuple[str, str]]) -> str:
     return ", ".join(f"{name} ({unit})" for name, unit in joints)
 
 
-def _small(pairs: list[tuple[str, Any]]) -> JsonObject:
+def _checked_object(pairs: list[tuple[str, Any]]) -> JsonObject:
     """Return the JSON object of these keys and values; refuse an object with more keys than a session has."""
-    if len(pairs) > _KEYS:
-        raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_KEYS}")
+    if len(pairs) > _MAX_KEYS:
+        raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_MAX_KEYS}")
     return dict(pairs)
 
 
-_Row = tuple[float, float, float, float]
+_MatrixRow = tuple[float, float, float, float]
 
 
 class _JointTable(Table):
@@ -220,7 +220,7 @@ class _JointTable(Table):
 class _MomentTable(Table):
     time_s: float
     q: Annotated[list[float], FailFast()]
-    T_base_tool: tuple[_Row, _Row, _Row, _Row]
+    T_base_tool: tuple[_MatrixRow, _MatrixRow, _MatrixRow, _MatrixRow]
     label: str
 
 
@@ -229,4 +229,4 @@ class _SessionTable(Table):
     version: Literal[1]
     robot: Identifier
     joints: Annotated[list[_JointTable], FailFast()]
-    moments: Annotated[list[_MomentTable], FailFast(), Field(max_length=MOST)]
+    moments: Annotated[list[_MomentTable], FailFast(), Field(max_length=MAX_MOMENTS)]

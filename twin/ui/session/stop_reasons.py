@@ -12,7 +12,7 @@ from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
-_ROUNDING = 1e-9
+_GAP_ROUNDING = 1e-9
 """Violation of a gap in m that counts as rounding."""
 
 
@@ -63,7 +63,7 @@ def _violated_gaps(mechanism: Mechanism, bounds: Sequence[Bound], q: Array, join
     names = [active.name for active in mechanism.active]
     texts = []
     for bound in bounds:
-        if bound.kind != "gap" or bound.slack(q) >= -_ROUNDING:
+        if bound.kind != "gap" or bound.slack(q) >= -_GAP_ROUNDING:
             continue
         lower, upper = bound.name.split()
         if joint.name == lower:

@@ -9,7 +9,7 @@ from twin.core.errors import TwinError, unknown
 from twin.core.json_types import JsonObject
 from twin.model.task import ConsoleTask
 
-FIXING = ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros")
+EXERCISE_OPTIONS = ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros")
 """Options of `twin serve` that determine the exercise, so that a page cannot start another one."""
 
 

@@ -15,10 +15,10 @@ from twin.core.spatial import Array
 if TYPE_CHECKING:
     from twin.api import Robot
 
-RATE = 60.0
+TICK_RATE = 60.0
 """Samples per second of a playback, and ticks per second of streams, recordings and replays."""
 
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
+PLAYBACK_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 """Available playback speeds, relative to real time; `web/src/sheet.ts` of the headset's page has the same."""
 
 _SAME_TIME = 1e-9
@@ -27,7 +27,7 @@ _SAME_TIME = 1e-9
 
 @dataclass(frozen=True)
 class Playback:
-    """A planned protocol, solved with the mechanism at `RATE` samples per second.
+    """A planned protocol, solved with the mechanism at `TICK_RATE` samples per second.
 
     Configurations, joint values and tool poses are interpolated between the samples of the plan. Speeds, accelerations,
     tip, shaft, RCM and depth are those of the plan's next sample.
@@ -136,8 +136,8 @@ def prepare(robot: str, protocol: str | None) -> Playback:
 
 
 def _sample_times(duration: float) -> Array:
-    """Return the times (k,) in s of a playback: multiples of 1 / `RATE`, and the end of the motion."""
-    times = np.arange(0.0, duration, 1 / RATE)
+    """Return the times (k,) in s of a playback: multiples of 1 / `TICK_RATE`, and the end of the motion."""
+    times = np.arange(0.0, duration, 1 / TICK_RATE)
     return np.append(times[times < duration - _SAME_TIME], duration)
 
 

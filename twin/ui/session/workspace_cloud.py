@@ -25,16 +25,16 @@ from twin.ui.session.movable_robot import MovableRobot
 if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
-_TRIALS = 1000
+_NEAR_POSES = 1000
 """Number of poses near the present one that show whether the tool can move in every direction."""
 
-_NEAR = 0.01
+_NEAR_FRACTION = 0.01
 """Edge length of the box of these poses as a fraction of that of the searched box."""
 
 _SURFACE_SHARE = 0.01
 """Share of reachable poses in this box below which the reachable ones form a surface, not a volume."""
 
-CHUNK = 20_000
+POSES_PER_CHECK = 20_000
 """Number of poses between two checks for cancellation; this number is computed in less than half a second."""
 
 
@@ -143,8 +143,8 @@ def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
     # a column of the kernel's input is a pose by rows; CasADi reshapes by columns
     kernel = measure.kernel(kin, job.limits, lambda T: ca.reshape(T, 4, 4).T, bounds=bounds, passive=passive, size=16)
     reached = 0
-    for first in range(0, job.count, CHUNK):
-        last = min(first + CHUNK, job.count)
+    for first in range(0, job.count, POSES_PER_CHECK):
+        last = min(first + POSES_PER_CHECK, job.count)
         Ts = poses(job, first, last)
         inside, inverse, *_ = kernel(Ts.reshape(-1, 16).T)
         is_reached = inside[0] > 0
@@ -193,7 +193,7 @@ def _check(kin: Kinematics, job: WorkspaceJob) -> None:
             f"{job.count} (minimum 1)."
         )
     if n < 6:
-        near_poses = poses(replace(job, reach=_NEAR * job.reach), 0, _TRIALS)
+        near_poses = poses(replace(job, reach=_NEAR_FRACTION * job.reach), 0, _NEAR_POSES)
         reachable = np.isfinite(kin.inverse_many(near_poses)[:, 0])
         # the reachable poses form a surface, as thick as the equations' tolerance
         if reachable[0] and reachable.mean() < _SURFACE_SHARE:

@@ -9,19 +9,19 @@ from __future__ import annotations
 
 from typing import Protocol
 
-PAGES = 32
+MAX_PAGES = 32
 """Maximum number of pages in total."""
 
-PAGES_OF_ONE = 24
+MAX_PAGES_OF_ADDRESS = 24
 """Maximum number of pages from one address."""
 
-WAITING_OF_ONE = 24
+MAX_WAITING_OF_ADDRESS = 24
 """Maximum number of clients from one address that have not yet sent a valid message."""
 
-FIRST = 30.0
+FIRST_MESSAGE_TIMEOUT = 30.0
 """Maximum time in s until the first valid message of a client; a page sends one when it has drawn the robot."""
 
-IDLE = 20.0
+IDLE_TIME = 20.0
 """Time in s without a frame after which a page may be disconnected for another; pages answer a ping every 5 s."""
 
 
@@ -50,7 +50,7 @@ class Admission:
         """Let a new client wait; if too many of its address wait, disconnect the one that has waited longest."""
         self._waiting.append(client)
         same_address = _of_address(self._waiting, client.address)
-        if len(same_address) > WAITING_OF_ONE:
+        if len(same_address) > MAX_WAITING_OF_ADDRESS:
             longest_waiting = same_address[0]
             self.remove(longest_waiting)
             longest_waiting.cut()
@@ -62,9 +62,9 @@ class Admission:
         if client not in self._waiting:  # it was disconnected
             return False
         same_address = _of_address(self._admitted, client.address)
-        if len(same_address) >= PAGES_OF_ONE:
+        if len(same_address) >= MAX_PAGES_OF_ADDRESS:
             possible = self._disconnect_idle(same_address, now)
-        elif len(self._admitted) >= PAGES:
+        elif len(self._admitted) >= MAX_PAGES:
             possible = self._disconnect_idle(self._admitted, now)
         else:
             possible = True
@@ -82,7 +82,7 @@ class Admission:
     def _disconnect_idle(self, clients: list[PageClient], now: float) -> bool:
         """Disconnect the client that has been silent for the longest time, if it is idle; return whether one was."""
         most_silent = min(clients, key=lambda client: client.heard)
-        if now - most_silent.heard <= IDLE:
+        if now - most_silent.heard <= IDLE_TIME:
             return False
         self.remove(most_silent)
         most_silent.cut()

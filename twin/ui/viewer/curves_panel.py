@@ -13,18 +13,18 @@ from twin.ui.session.timeline import Playback
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front
 
-CURVES = ("displacement", "speed", "acceleration", "tip", "RCM error")
+CURVE_QUANTITIES = ("displacement", "speed", "acceleration", "tip", "RCM error")
 """What can be drawn; the first three are of the active joints."""
 
-LEAST_SPAN = 0.01
+MIN_SPAN = 0.01
 """Minimum range of the y axis of a plot, so that ten labels with three decimals are all different."""
 
 _PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#999999")
 
-_POINTS = 400
+_MAX_CURVE_POINTS = 400
 """Maximum number of points sent for a curve."""
 
-_SMALL = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
+_DISTANCE_UNITS = (("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12))
 """(Name, size in m) of the units of a distance, which may be a rounding error or some centimetres."""
 
 
@@ -36,7 +36,7 @@ class CurvesPanel:
         self.gui = front.server.gui
         self._tab = tab
         with tab:
-            self._chosen = self.gui.add_dropdown("curve", CURVES, initial_value=CURVES[0])
+            self._chosen = self.gui.add_dropdown("curve", CURVE_QUANTITIES, initial_value=CURVE_QUANTITIES[0])
             self._chosen.on_update(lambda _: front.ask("curves", lambda: self.draw(force=True)))
             self._legend = self.gui.add_html("")
         self._plot: viser.GuiUplotHandle | None = None
@@ -67,7 +67,7 @@ class CurvesPanel:
         low = float(rows.min())
         high = float(rows.max())
         clock_line = np.full(len(t), low)  # a curve that is a vertical line at the clock's time
-        clock_line[nearest_to_clock] = max(high, low + LEAST_SPAN)
+        clock_line[nearest_to_clock] = max(high, low + MIN_SPAN)
         data = (t, *rows, clock_line)
         content = (self._chosen.value, self.front.active.name, playback)
         if self._plot is not None and not force and content == self._plotted:
@@ -104,9 +104,13 @@ class CurvesPanel:
 
 
 def curves(playback: Playback, what: str, joints: list[str], angles: list[bool]) -> tuple[list[str], Array]:
-    """Return (names with units, values (m, k)) of the m curves of a playback with k samples; `what`: see `CURVES`.
+    """Return (names with units, values (m, k)) of the m curves of a playback with k samples.
 
-    `joints` are the names of the active joints; `angles` states for each active joint whether its value is an angle.
+    Args:
+        playback: the planned protocol.
+        what: one of `CURVE_QUANTITIES`.
+        joints: names of the active joints.
+        angles: of each active joint, whether its value is an angle.
     """
     if what == "tip":
         return ["x [mm]", "y [mm]", "z [mm]"], playback.tip.T / MM
@@ -129,18 +133,18 @@ def curves(playback: Playback, what: str, joints: list[str], angles: list[bool])
 
 
 def plotted_samples(values: Array) -> Index:
-    """Return the indices of the samples of curves (m, k) that are plotted, at most `_POINTS`; none if all are left out.
+    """Return the indices of the samples of curves (m, k) that are plotted, at most `_MAX_CURVE_POINTS`.
 
-    Samples without a value, as those of the RCM error while no RCM is registered, are left out.
+    Samples without a value, as those of the RCM error while no RCM is registered, are left out. There may be none.
     """
     has_values = np.isfinite(values).all(axis=0)
     samples = np.flatnonzero(has_values)
-    return samples[spread(len(samples), _POINTS)]
+    return samples[spread(len(samples), _MAX_CURVE_POINTS)]
 
 
 def _unit_of(distance: float) -> tuple[str, float]:
     """Return the largest unit, with its size in m, in which a distance is at least 1; otherwise the smallest unit."""
-    for unit, size in _SMALL:
+    for unit, size in _DISTANCE_UNITS:
         if distance >= size:
             return unit, size
-    return _SMALL[-1]
+    return _DISTANCE_UNITS[-1]

@@ -22,13 +22,13 @@ from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
 
-SHOWN_POINTS = 60_000
+MAX_SHOWN_POINTS = 60_000
 """Maximum number of workspace points sent to a browser."""
 
-_DISPLAYED = {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}
+_DISPLAYED_UNITS = {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}
 """{unit of a parameter: (its displayed unit in m or rad, sign of this unit)}; other units are displayed as they are."""
 
-_REDRAW = 0.5
+_REDRAW_PERIOD = 0.5
 """Time in s between two updates of a workspace that is being computed."""
 
 
@@ -103,7 +103,7 @@ class DesignPanel:
         reset = gui.add_button("as published")
 
         def choose(_: object = None) -> None:
-            scale, sign = _DISPLAYED.get(units.get(which.value, ""), (1.0, ""))
+            scale, sign = _DISPLAYED_UNITS.get(units.get(which.value, ""), (1.0, ""))
             number.label = f"value [{sign}]" if sign else "value"
             number.value = round(movable.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
 
@@ -111,7 +111,7 @@ class DesignPanel:
             if event.client is None:
                 return
             name = which.value
-            scale, _ = _DISPLAYED.get(units.get(name, ""), (1.0, ""))
+            scale, _ = _DISPLAYED_UNITS.get(units.get(name, ""), (1.0, ""))
             value = number.value * scale
 
             def apply() -> None:
@@ -324,7 +324,7 @@ class DesignPanel:
         self._points.append(chunk.points)
         self._condition.append(chunk.condition)
         is_complete = chunk.evaluated >= chunk.count
-        if not is_complete and self.front.now - self._draw_time < _REDRAW:
+        if not is_complete and self.front.now - self._draw_time < _REDRAW_PERIOD:
             return
         self._draw_time = self.front.now
         points = np.concatenate(self._points)
@@ -356,8 +356,8 @@ class DesignPanel:
 
 
 def point_step(count: int) -> int:
-    """Return the step between the workspace points that are shown, so that at most `SHOWN_POINTS` of `count` are."""
-    return max(1, math.ceil(count / SHOWN_POINTS))
+    """Return the step between the workspace points that are shown, at most `MAX_SHOWN_POINTS` of `count`."""
+    return max(1, math.ceil(count / MAX_SHOWN_POINTS))
 
 
 def _grouped(number: int) -> str:

@@ -11,7 +11,7 @@ from twin.core import units
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
-from twin.ui.session.display_meshes import looks
+from twin.ui.session.display_meshes import display_meshes
 from twin.ui.session.drawn_parts import DrawnCable, DrawnParts, hanging, person
 
 
@@ -57,7 +57,7 @@ def add_person(server: viser.ViserServer, foot: Array) -> viser.FrameHandle:
 
 def _add(server: viser.ViserServer, path: str, body: Body) -> list[viser.MeshHandle]:
     handles = []
-    for k, (vertices, triangles, color, opacity) in enumerate(looks(body)):
+    for k, (vertices, triangles, color, opacity) in enumerate(display_meshes(body)):
         handle = server.scene.add_mesh_simple(
             f"{path}/{body.name}_{k}",
             vertices.astype(np.float32),

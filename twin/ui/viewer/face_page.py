@@ -19,7 +19,7 @@ from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.robot_nodes import BLUE, ORANGE
 from twin.ui.viewer.surroundings import extent, furnish
 
-_LIFT = 4e-4
+_HIGHLIGHT_OFFSET = 4e-4
 """Distance by which a highlight is drawn in front of its face, as a fraction of the scene's size."""
 
 _INTRO = (
@@ -27,11 +27,11 @@ _INTRO = (
     "them, and one button copies the TOML of all."
 )
 
-_BOX = (
+_TOML_STYLE = (
     "white-space:pre-wrap;overflow-wrap:anywhere;font:12px/1.5 ui-monospace,monospace;margin:0;"
     "padding:.6em .8em;border-radius:6px;background:light-dark(#eef2f7,#10161d);color:light-dark(#17212e,#e6ebf1)"
 )
-_BUTTON = (
+_BUTTON_STYLE = (
     "font:600 14px system-ui,sans-serif;min-height:40px;width:100%;margin:.5em 0 0;border:0;border-radius:6px;"
     "background:#1b6ec2;color:#fff;cursor:pointer"
 )
@@ -135,7 +135,7 @@ class FacePage(ViewerPage):
         corners = face.part.vertices[face.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        lifted = corners + _LIFT * self._size * normals[:, None]
+        lifted = corners + _HIGHLIGHT_OFFSET * self._size * normals[:, None]
         return self.server.scene.add_mesh_simple(
             path,
             lifted.reshape(-1, 3).astype(np.float32),
@@ -265,6 +265,7 @@ def _toml(picker: FacePicker) -> str:
     faces = "1 face" if count == 1 else f"{count} faces"
     return (
         "<div style='padding:0 .8em' class='twin-last'>"
-        f"<pre style='{_BOX}' data-copied role='region' tabindex='0' aria-label='TOML'>{escape(text)}</pre>"
-        f"<button type='button' style='{_BUTTON}' data-copies='TOML of {faces}'>Copy the TOML of {faces}</button></div>"
+        f"<pre style='{_TOML_STYLE}' data-copied role='region' tabindex='0' aria-label='TOML'>{escape(text)}</pre>"
+        f"<button type='button' style='{_BUTTON_STYLE}' data-copies='TOML of {faces}'>"
+        f"Copy the TOML of {faces}</button></div>"
     )

@@ -31,13 +31,13 @@ from twin.ui.viewer.loop import ViewerPage
 from twin.ui.viewer.robot_nodes import BLUE, RobotNodes
 from twin.ui.viewer.server import publish
 
-_READ = 0.1
+_READING_PERIOD = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""
 
-_DRAWN = 1.5
+_FIRST_PICTURE_TIME = 1.5
 """Time in s since the first browser connected after which planning begins: its first picture is drawn by then."""
 
-_NOBODY = 4.0
+_PLANNING_TIMEOUT = 4.0
 """Time in s from the start after which planning of protocols begins at the latest, without a browser."""
 
 
@@ -226,7 +226,7 @@ class Front(ViewerPage):
             act()
         if self.terminal is not None:
             self.terminal.poll()
-        if self.now - self._reading_time >= _READ and (self._stale or self.clock.playing):
+        if self.now - self._reading_time >= _READING_PERIOD and (self._stale or self.clock.playing):
             self._reading_time = self.now
             self._stale = False
             self.refresh()
@@ -341,7 +341,7 @@ class Front(ViewerPage):
         for robot in self.robots:
             if robot.playback is None:
                 continue
-            k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(robot.playback.t) - 1))
+            k = int(np.clip(round(self.clock.time * timeline.TICK_RATE), 0, len(robot.playback.t) - 1))
             robot.movable.follow_sample(robot.playback.x[k], robot.playback.Ts_base_tool[k])
 
     def set_active(self, name: str) -> None:
@@ -453,7 +453,7 @@ class Front(ViewerPage):
             for client in self.server.get_clients().values():
                 # a browser reports its camera with its first picture; until then the time is 0
                 first_picture = min(first_picture, client.camera._state.update_timestamp or np.inf)
-            if time.time() - first_picture > _DRAWN or self.now - begin > _NOBODY:
+            if time.time() - first_picture > _FIRST_PICTURE_TIME or self.now - begin > _PLANNING_TIMEOUT:
                 self.after_frame.remove(wait)
                 for robot in self.robots:
                     if robot.movable.robot.files is not None and robot.movable.robot.files.protocols():

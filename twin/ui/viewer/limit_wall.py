@@ -9,9 +9,9 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 _COLOR = (222, 48, 48)
-_CORNERS = 48
+_DISC_CORNERS = 48
 
-LEAST = 5e-4
+MIN_DISTANCE = 5e-4
 """Minimum distance in m between hand and tool; a smaller one has no visible direction."""
 
 
@@ -20,11 +20,11 @@ class LimitWall:
 
     def __init__(self, server: viser.ViserServer, radius: float) -> None:
         """Add the disc; `radius` is in m."""
-        angles = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-        rim = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_CORNERS)])
+        angles = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
+        rim = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_DISC_CORNERS)])
         vertices = np.vstack([np.zeros((1, 3)), rim])
-        corner = np.arange(_CORNERS)
-        faces = np.column_stack([np.zeros(_CORNERS, int), 1 + corner, 1 + (corner + 1) % _CORNERS])
+        corner = np.arange(_DISC_CORNERS)
+        faces = np.column_stack([np.zeros(_DISC_CORNERS, int), 1 + corner, 1 + (corner + 1) % _DISC_CORNERS])
         self._disc = server.scene.add_mesh_simple(
             "/wall", vertices, faces, color=_COLOR, opacity=0.3, side="double", cast_shadow=False, receive_shadow=False,
             visible=False,
@@ -34,7 +34,7 @@ class LimitWall:
         """Place the disc at the tool (3,), across the way to the hand (3,), both in m in the world frame."""
         offset = hand - tool
         distance = float(np.linalg.norm(offset))
-        if distance < LEAST:
+        if distance < MIN_DISTANCE:
             self.hide()
             return
         z = offset / distance

@@ -17,10 +17,10 @@ import viser
 from twin.core.errors import TwinError
 from twin.ui.viewer.server import stop, tell
 
-FRAME = 1 / 60
+FRAME_PERIOD = 1 / 60
 """Duration in s of a display frame."""
 
-AGAIN = 3.0
+NOTICE_PAUSE = 3.0
 """Minimum time in s before the same notice is shown again; a refused drag causes the same notice in every frame."""
 
 
@@ -38,7 +38,7 @@ class ViewerPage(ABC):
         self._wishes: dict[str, Callable[[], object]] = {}
         self._lock = threading.Lock()
         self._last = self.now = time.perf_counter()
-        self._told = "", -AGAIN
+        self._told = "", -NOTICE_PAUSE
 
     @abstractmethod
     def frame(self, passed: float, wished: bool) -> None:
@@ -79,7 +79,7 @@ class ViewerPage(ABC):
             while not self.stopping.is_set():
                 start = time.perf_counter()
                 self.step()
-                self.stopping.wait(max(0.001, FRAME - (time.perf_counter() - start)))
+                self.stopping.wait(max(0.001, FRAME_PERIOD - (time.perf_counter() - start)))
         finally:
             self.close()
 
@@ -109,7 +109,7 @@ class ViewerPage(ABC):
         stop(self.server)
 
     def say(self, text: str, bad: bool = False) -> None:
-        """Show a notice in every browser; the same notice is not shown again within `AGAIN` s."""
-        if self._told[0] != text or self.now - self._told[1] > AGAIN:
+        """Show a notice in every browser; the same notice is not shown again within `NOTICE_PAUSE` s."""
+        if self._told[0] != text or self.now - self._told[1] > NOTICE_PAUSE:
             self._told = text, self.now
             tell(self.server, self.title, text, bad)

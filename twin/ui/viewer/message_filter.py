@@ -19,31 +19,31 @@ from viser import _messages as viser_messages
 
 from twin.core.errors import TwinError
 
-ORDINARY = 16 * 1024
+MAX_ORDINARY_BYTES = 16 * 1024
 """Maximum size in bytes of a message that contains neither a part of a file nor a picture."""
 
-LONGEST = 8 * 2**20
+MAX_MESSAGE_BYTES = 8 * 2**20
 """Maximum size in bytes of any message; the largest messages are pictures that the server has requested."""
 
-UPLOAD = 16 * 2**20
+MAX_UPLOAD_BYTES = 16 * 2**20
 """Maximum size in bytes of an uploaded file (a recorded session)."""
 
-UPLOAD_SECONDS = 120.0
+UPLOAD_TIMEOUT = 120.0
 """Time in s after which a new upload cancels an unfinished upload."""
 
-_TEXT = 200
+_MAX_TEXT_LENGTH = 200
 """Maximum number of characters in a text field."""
 
-_FAR = 1e9
+_MAX_NUMBER = 1e9
 """Maximum absolute value of the numbers in a message."""
 
-_QUIET = 2.0
+_NOTICE_PAUSE = 2.0
 """Minimum time in s between two notices about files."""
 
-_PIXELS = 8_000_000
+_MAX_PIXELS = 8_000_000
 """Maximum number of pixels of a picture, according to its header."""
 
-_ORDINARY = (
+_ORDINARY_MESSAGES = (
     viser_messages.ViewerCameraMessage,
     viser_messages.GuiUpdateMessage,
     viser_messages.SceneNodeClickMessage,
@@ -54,7 +54,7 @@ _ORDINARY = (
     viser_messages.TransformControlsDragEndMessage,
     viser_messages.FileTransferStartUpload,
 )
-_LONG = (viser_messages.FileTransferPart, viser_messages.GetRenderResponseMessage)
+_LONG_MESSAGES = (viser_messages.FileTransferPart, viser_messages.GetRenderResponseMessage)
 
 _DECODING_ERRORS = (msgspec.MsgspecError, RecursionError, UnicodeDecodeError)
 
@@ -129,8 +129,8 @@ class MessageFilter:
         self._gui: viser.GuiApi | None = None
         self._upload: _Upload | None = None
         self._last_notice = -math.inf
-        self._ordinary = _decoder(_ORDINARY)
-        self._long = _decoder(_LONG)
+        self._ordinary = _decoder(_ORDINARY_MESSAGES)
+        self._long = _decoder(_LONG_MESSAGES)
 
     def set_server(self, server: viser.ViserServer) -> None:
         """Set the server; messages may only refer to its page elements. Before this call, all messages are dropped.
@@ -183,7 +183,7 @@ class MessageFilter:
 
     def _decode(self, raw: bytes) -> Any:
         """Return a message as the structure of its type."""
-        if len(raw) > ORDINARY:
+        if len(raw) > MAX_ORDINARY_BYTES:
             try:
                 return self._long.decode(raw)
             except _DECODING_ERRORS:
@@ -222,15 +222,15 @@ class MessageFilter:
         handle = self._handle(message.source_component_uuid)
         if not isinstance(handle, viser.GuiUploadButtonHandle):
             raise NonsenseError("the element accepts no upload")
-        if message.size_bytes > UPLOAD:
+        if message.size_bytes > MAX_UPLOAD_BYTES:
             megabytes = message.size_bytes / 1e6
-            self._tell(f"the file has {megabytes:.0f} MB; at most {UPLOAD / 1e6:.1f} MB are accepted", now)
+            self._tell(f"the file has {megabytes:.0f} MB; at most {MAX_UPLOAD_BYTES / 1e6:.1f} MB are accepted", now)
             raise StaleError("the file is too large")
         if message.size_bytes < 1 or message.part_count < 1:
             raise NonsenseError("the file is empty")
         unfinished = self._upload
         if unfinished is not None:
-            if now - unfinished.since < UPLOAD_SECONDS:
+            if now - unfinished.since < UPLOAD_TIMEOUT:
                 self._tell("another file is being loaded: wait until it is done", now)
                 raise StaleError("another upload is in progress")
             unfinished.sender.cut()
@@ -244,8 +244,8 @@ class MessageFilter:
         )
 
     def _tell(self, text: str, now: float) -> None:
-        """Show the users a notice, at most one per `_QUIET` seconds."""
-        if now - self._last_notice > _QUIET:
+        """Show the users a notice, at most one per `_NOTICE_PAUSE` seconds."""
+        if now - self._last_notice > _NOTICE_PAUSE:
             self._last_notice = now
             self.notify(text)
 
@@ -268,7 +268,7 @@ class MessageFilter:
 
 
 def _check_numbers(value: Any, name: str = "") -> None:
-    """Raise `NonsenseError` if a message has a number beyond `_FAR` or a quaternion that is far from length 1."""
+    """Raise `NonsenseError` if a message has a number beyond `_MAX_NUMBER` or a quaternion far from length 1."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
             _check_numbers(getattr(value, field), field)
@@ -280,7 +280,7 @@ def _check_numbers(value: Any, name: str = "") -> None:
             _check_numbers(inner)
         if name == "wxyz" and not 0.9 < math.hypot(*value) < 1.1:
             raise NonsenseError("the orientation is invalid")
-    elif isinstance(value, int | float) and not abs(value) <= _FAR:  # also true for NaN
+    elif isinstance(value, int | float) and not abs(value) <= _MAX_NUMBER:  # also true for NaN
         raise NonsenseError(f"{name} = {value}")
 
 
@@ -296,7 +296,7 @@ def _is_possible(handle: Any, value: Any) -> bool:
         # Values from the keyboard may be outside the range of a slider; they are clamped.
         return isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(current, str):
-        return isinstance(value, str) and len(value) <= _TEXT
+        return isinstance(value, str) and len(value) <= _MAX_TEXT_LENGTH
     if isinstance(current, tuple):
         return _is_vector(value, len(current))
     return False
@@ -314,5 +314,5 @@ def _check_picture(png: bytes) -> None:
     # The first chunk of a PNG file is IHDR: after length and name come width and height, 4 bytes each.
     width = int.from_bytes(png[16:20], "big")
     height = int.from_bytes(png[20:24], "big")
-    if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _PIXELS:
+    if png[:8] != b"\x89PNG\r\n\x1a\n" or not 0 < width * height <= _MAX_PIXELS:
         raise NonsenseError("the picture is not PNG, or is too large")

@@ -12,10 +12,10 @@ from twin.model.joint import Joint
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.record_panel import RecordPanel
 
-_MOST_POSTURES = 64
+_MAX_POSTURES = 64
 """Maximum number of postures in the list; the button "keep here" adds no posture to a full list."""
 
-_UNLIMITED = {False: (-0.5, 0.5), True: (-np.pi, np.pi)}
+_UNLIMITED_RANGES = {False: (-0.5, 0.5), True: (-np.pi, np.pi)}
 """Range of the slider of a joint without limits, in m or, if the joint is an angle, in rad."""
 
 _SLIDER_TOLERANCE = 0.005
@@ -73,7 +73,7 @@ class MovePanel:
             if buttons.value == "go":
                 front.clock.playing = False
                 front.ask("posture", lambda: movable.go_to_posture(postures.value))
-            elif len(movable.postures) < _MOST_POSTURES:
+            elif len(movable.postures) < _MAX_POSTURES:
                 number = 1 + sum(name.startswith("kept") for name in movable.postures)
                 name = f"kept {number}"
                 movable.keep(name)
@@ -81,7 +81,7 @@ class MovePanel:
                 postures.value = name
                 front.say(f"stored as '{name}'")
             else:
-                front.say(f"not stored: the list has {_MOST_POSTURES} postures, which is the maximum")
+                front.say(f"not stored: the list has {_MAX_POSTURES} postures, which is the maximum")
 
         buttons.on_click(go_or_keep)
 
@@ -89,7 +89,7 @@ class MovePanel:
         """Add the slider of a joint, by its index in q, at its value in m or rad."""
         unit = "°" if joint.is_angle else "mm"
         scale = _scale(joint)
-        low, high = joint.limits or _UNLIMITED[joint.is_angle]
+        low, high = joint.limits or _UNLIMITED_RANGES[joint.is_angle]
         low /= scale
         high /= scale
         value = round(float(np.clip(q / scale, low, high)), 2)

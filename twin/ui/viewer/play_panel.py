@@ -8,11 +8,11 @@ from pathlib import Path
 import viser
 
 from twin.core.errors import TwinError
-from twin.ui.session.timeline import SPEEDS, protocols_of
+from twin.ui.session.timeline import PLAYBACK_SPEEDS, protocols_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 
-_TYPING = 0.6
+_TYPING_PAUSE = 0.6
 """Time in s after the last change of a text at which it counts as complete."""
 
 _SEEK_TOLERANCE = 5e-4
@@ -45,7 +45,7 @@ class PlayPanel:
         self._timeline = gui.add_folder("Timeline")
         with self._timeline:
             self._phases = gui.add_html("", order=1e9)
-        self._speed = gui.add_dropdown("speed", [f"{speed:g} x" for speed in SPEEDS], initial_value="1 x")
+        self._speed = gui.add_dropdown("speed", [f"{speed:g} x" for speed in PLAYBACK_SPEEDS], initial_value="1 x")
         self._loop = gui.add_checkbox("loop", True)
         self._add_display_options()
         self._link = gui.add_text(
@@ -105,7 +105,7 @@ class PlayPanel:
 
     def _follow_link(self) -> None:
         """Move the robot to the posture of the link, when nobody types in its field any more."""
-        if self._link_changed is None or self.front.now - self._link_changed < _TYPING:
+        if self._link_changed is None or self.front.now - self._link_changed < _TYPING_PAUSE:
             return
         self._link_changed = None
         text = self._link.value

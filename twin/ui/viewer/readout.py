@@ -11,12 +11,12 @@ from twin.core.format import EXACT, is_exact, quantity
 from twin.core.units import DEG, MM
 from twin.ui.session.readings import LIVE_TOLERANCE, EquationDeviation, JointReading, RobotReading
 
-_GOOD = "light-dark(#17703f, #57c98e)"
-_BAD = "light-dark(#b8201f, #ff8a80)"
-_WARN = "light-dark(#8f5200, #f0b34a)"
+_GOOD_COLOR = "light-dark(#17703f, #57c98e)"
+_BAD_COLOR = "light-dark(#b8201f, #ff8a80)"
+_WARNING_COLOR = "light-dark(#8f5200, #f0b34a)"
 """Colours with the contrast of WCAG AA on the light and on the dark page."""
 
-_FAINT = "opacity:.78"
+_NAME_STYLE = "opacity:.78"
 """Style of the names of values."""
 
 
@@ -58,7 +58,7 @@ def table(reading: RobotReading, variants: str = "") -> str:
     """Return the panel with all readings as HTML; values beyond their limits are red."""
     half = (len(reading.coordinates) + 1) // 2
     numbers = "".join(_number(*coordinate) for coordinate in reading.coordinates)
-    rows = [f"<div style='{_GRID};grid-template-rows:repeat({half},auto)'>{numbers}</div>"]
+    rows = [f"<div style='{_COORDINATES_STYLE};grid-template-rows:repeat({half},auto)'>{numbers}</div>"]
     if variants:
         rows.append(_line("equations", escape(variants)))
     if reading.residual is not None:
@@ -73,14 +73,14 @@ def table(reading: RobotReading, variants: str = "") -> str:
         if trocar.depth is not None:
             rows.append(_line(f"insertion depth{of}", f"{trocar.depth / MM:.3f} mm"))
     if reading.condition is not None:
-        color = _WARN if reading.condition > 100 else ""
+        color = _WARNING_COLOR if reading.condition > 100 else ""
         rows.append(_line("condition number", f"{reading.condition:.1f}", color))
     rows += _singularities(reading)
     if reading.branch:
         rows.append(_line("branch", escape(reading.branch)))
     rows.append(_bars(reading.limits))
     if reading.reason:
-        rows.append(f"<div style='color:{_BAD};padding-top:.5em' data-reason>{escape(reading.reason)}</div>")
+        rows.append(f"<div style='color:{_BAD_COLOR};padding-top:.5em' data-reason>{escape(reading.reason)}</div>")
     agrees = "yes" if reading.agrees else "no"
     return f"<div style='font-size:12px;line-height:1.5;padding:0 .8em' data-agrees='{agrees}'>{''.join(rows)}</div>"
 
@@ -99,7 +99,7 @@ def headline(reading: RobotReading) -> str:
         parts.append(nearest)
     lines = "".join(f"<div>{part}</div>" for part in parts)
     if reading.reason:
-        lines += f"<div style='color:{_BAD}'>{escape(reading.reason)}</div>"
+        lines += f"<div style='color:{_BAD_COLOR}'>{escape(reading.reason)}</div>"
     return f"<div class='twin-headline'>{lines}</div>"
 
 
@@ -122,12 +122,12 @@ def _nearest_limit(limits: Sequence[JointReading]) -> str | None:
 def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
     """Return (HTML text, colour) on the agreement of equations and mechanism."""
     if reading.agrees and not reading.comparable:
-        return escape(reading.incomparable), _WARN
+        return escape(reading.incomparable), _WARNING_COLOR
     text = "DISAGREE"
-    color = _BAD
+    color = _BAD_COLOR
     if reading.agrees:
         text = "agree"
-        color = _GOOD
+        color = _GOOD_COLOR
     if residual.what:
         text += f": {escape(amount(residual))} ({escape(residual.what)})"
     return text, color
@@ -136,8 +136,8 @@ def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str,
 def _color_below(value: float, limit: float) -> str:
     """Return the colour of a value that must be below a limit; NaN is not below."""
     if value < limit:
-        return _GOOD
-    return _BAD
+        return _GOOD_COLOR
+    return _BAD_COLOR
 
 
 def _singularities(reading: RobotReading) -> list[str]:
@@ -149,15 +149,15 @@ def _singularities(reading: RobotReading) -> list[str]:
                 continue
             color = ""
             if ratio <= 1:
-                color = _BAD
+                color = _BAD_COLOR
             elif ratio <= 2:
-                color = _WARN
+                color = _WARNING_COLOR
             lines.append(_line(f"to {title} singularity", f"{ratio:.2f} × alarm ({escape(name)})", color))
             break
     return lines
 
 
-_GRID = (
+_COORDINATES_STYLE = (
     "display:grid;grid-auto-flow:column;gap:0 .8em;white-space:nowrap;font-variant-numeric:tabular-nums;"
     "padding-bottom:.4em"
 )
@@ -194,14 +194,14 @@ def legend(names: Sequence[str], colors: Sequence[str]) -> str:
 def _number(name: str, value: float, unit: str) -> str:
     # "z" writes -0.0000 as 0.0000: a rounding error at zero would change its sign all the time
     digits = f"{value:z.3f}" if unit == "mm" else f"{value:z.4f}"
-    return f"<span><span style='{_FAINT}'>{escape(name)}</span> {digits} {unit}</span>"
+    return f"<span><span style='{_NAME_STYLE}'>{escape(name)}</span> {digits} {unit}</span>"
 
 
 def _line(name: str, text: str, color: str = "") -> str:
     style = f"color:{color};font-weight:600" if color else ""
     return (
         f"<div style='display:flex;justify-content:space-between;gap:1em'>"
-        f"<span style='{_FAINT};white-space:nowrap'>{name}</span>"
+        f"<span style='{_NAME_STYLE};white-space:nowrap'>{name}</span>"
         f"<span style='{style};text-align:right'>{text}</span></div>"
     )
 
@@ -217,18 +217,18 @@ def _bars(limits: Sequence[JointReading]) -> str:
 
 def _bar(limit: JointReading) -> str:
     """Return the cells of a joint, with its position between its limits; red if one is nearer than 2 % of the range."""
-    name = f"<span style='{_FAINT};overflow-wrap:anywhere'>{escape(limit.joint)}</span>"
+    name = f"<span style='{_NAME_STYLE};overflow-wrap:anywhere'>{escape(limit.joint)}</span>"
     text = f"{limit.value:z.3f} {limit.unit}"
     value = f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span>"
     part = limit.part
     if part is None:
         return f"{name}<span></span>{value}"
     margin = min(part, 1 - part)
-    color = _GOOD
+    color = _GOOD_COLOR
     if margin < 0.02:
-        color = _BAD
+        color = _BAD_COLOR
     elif margin < 0.1:
-        color = _WARN
+        color = _WARNING_COLOR
     percent = 100 * np.clip(part, 0, 1)
     bar = (
         f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"

@@ -11,7 +11,7 @@ import viser
 
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
-from twin.ui.session.recorded_session import MOST, RecordedSession
+from twin.ui.session.recorded_session import MAX_MOMENTS, RecordedSession
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_file_edits import append_phase, identifier, save_posture
 
@@ -80,9 +80,9 @@ class RecordPanel:
             return
         if self._record.label != "● Record":
             elapsed = time.perf_counter() - self._began
-            if len(self.session.moments) >= MOST:
+            if len(self.session.moments) >= MAX_MOMENTS:
                 self._toggle()
-                self.front.say(f"{MOST} states are recorded, the maximum of a session", bad=True)
+                self.front.say(f"{MAX_MOMENTS} states are recorded, the maximum of a session", bad=True)
             elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, movable.assembly.q):
                 self.session.add(elapsed, movable.assembly.q, movable.assembly.T_base_tool)
         elif self._replayed is not None and self.session.moments:

@@ -43,7 +43,7 @@ from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.recorded_session import RecordedSession as RecordedSession
 
-_DIGITS = {"mm": 6, "deg": 8}
+_DECIMALS = {"mm": 6, "deg": 8}
 """Number of decimals of values in mm and in deg; the resolution is 1 nm, for angles 1 nm at a radius of 5 m."""
 
 
@@ -176,7 +176,7 @@ def _in_file_units(
         if not np.isfinite(value):
             raise error_at(path, ("posture", name, key), f"{value} is not finite; give a number for '{joint}'")
         lower, upper = getattr(limits.get(joint), f"limits_{unit}", None) or (-np.inf, np.inf)
-        last = 10.0 ** -_DIGITS[unit]
+        last = 10.0 ** -_DECIMALS[unit]
         if not lower - last <= value <= upper + last:
             text = f"{value:.6g} {unit} is outside the limits {lower:g} .. {upper:g} {unit} of '{joint}'"
             raise error_at(path, ("posture", name, key), f"{text}; move the joint back, or change the limits")
@@ -186,7 +186,7 @@ def _in_file_units(
 
 def _rounded(value: Any, unit: str) -> Any:
     """Return a number or list of numbers, rounded for the file, without negative zeros."""
-    return (np.round(value, _DIGITS[unit]) + 0.0).tolist()
+    return (np.round(value, _DECIMALS[unit]) + 0.0).tolist()
 
 
 Entry = tuple[str, str | None, JsonObject]

@@ -11,7 +11,7 @@ import viser
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.ui.session.display_meshes import Look, behind, looks
+from twin.ui.session.display_meshes import DisplayMesh, behind, display_meshes
 from twin.ui.viewer.pose_frames import FrameWriter
 
 GREEN = (38, 150, 90)
@@ -46,7 +46,7 @@ class RobotNodes:
         self.root = scene.add_frame(path, show_axes=False)
         self.bodies: dict[str, viser.FrameHandle] = {}
         self.meshes: list[tuple[str, viser.MeshHandle]] = []
-        self._looks: list[tuple[str, Look]] = []
+        self._looks: list[tuple[str, DisplayMesh]] = []
         low = np.full(3, np.inf)
         high = np.full(3, -np.inf)
         with server.atomic():
@@ -57,7 +57,7 @@ class RobotNodes:
                 self.bodies[body.name] = scene.add_frame(
                     place, show_axes=False, axes_length=0.05, axes_radius=0.0015, wxyz=wxyz, position=T[:3, 3]
                 )
-                for k, look in enumerate(looks(body)):
+                for k, look in enumerate(display_meshes(body)):
                     vertices, triangles, color, opacity = look
                     shown_opacity = opacity if ghost is None else _GHOST_OPACITY
                     handle = scene.add_mesh_simple(

@@ -20,13 +20,13 @@ from twin.ui.viewer import view_export
 from twin.ui.viewer.drawn_nodes import DrawnNodes, add_person
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import BLUE, ORANGE, RobotNodes
-from twin.ui.viewer.surroundings import FIRST, OUTSIDE, corners, furnish
+from twin.ui.viewer.surroundings import OUTSIDE_FOV_DEG, OUTSIDE_VIEWS, corners, furnish
 
-VIEWS = (*OUTSIDE, "along the shaft", "endoscope", "microscope")
-ENDOSCOPE = 70
+VIEWS = (*OUTSIDE_VIEWS, "along the shaft", "endoscope", "microscope")
+ENDOSCOPE_FOV_DEG = 70
 """Vertical angle of view in deg of the camera in the endoscope view, as of a common laparoscope."""
 
-_CUTS = ("none", "x", "y", "z")
+_SECTION_CHOICES = ("none", "x", "y", "z")
 
 
 class Scenery:
@@ -217,11 +217,11 @@ class Scenery:
                 box = gui.add_checkbox(name, first)
                 box.on_update(self._switch(name, box, do))
         with gui.add_folder("Section"):
-            axis = gui.add_dropdown("cut across", _CUTS)
+            axis = gui.add_dropdown("cut across", _SECTION_CHOICES)
             part = gui.add_slider("where [%]", 0, 100, 1, 50)
 
             def cut(_: object) -> None:
-                self._cut = None if axis.value == "none" else (_CUTS.index(axis.value) - 1, part.value / 100)
+                self._cut = None if axis.value == "none" else (_SECTION_CHOICES.index(axis.value) - 1, part.value / 100)
                 front.ask("cut", self._show_drawn)
 
             axis.on_update(cut)
@@ -395,7 +395,7 @@ class Scenery:
                 viewing_client.camera.up_direction = up
                 viewing_client.camera.position = eye
                 viewing_client.camera.look_at = target
-                viewing_client.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
+                viewing_client.camera.fov = (ENDOSCOPE_FOV_DEG if inside else OUTSIDE_FOV_DEG) * DEG
                 viewing_client.camera.near = 0.001 if inside else 0.01
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
@@ -405,8 +405,8 @@ class Scenery:
         tip, axis = robot.movable.shaft()
         size = node.size * robot.scale
         up = np.array([0.0, 0.0, 1.0])
-        if view in OUTSIDE:
-            return self.middle + self.size * OUTSIDE[view], self.middle, up
+        if view in OUTSIDE_VIEWS:
+            return self.middle + self.size * OUTSIDE_VIEWS[view], self.middle, up
         if view == "endoscope":
             lens, sight, above = (node.to_world(point) for point in robot.movable.camera())
             return lens, sight, (above - lens) / np.linalg.norm(above - lens)

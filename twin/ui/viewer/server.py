@@ -30,7 +30,14 @@ from websockets.http11 import Request, Response
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
-from twin.ui.access.rate_limits import GARBAGE, MESSAGES, SOCKETS, SOCKETS_OF_ONE, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import (
+    MALFORMED_LIMIT,
+    MAX_CONNECTIONS,
+    MAX_CONNECTIONS_OF_ADDRESS,
+    MESSAGE_LIMIT,
+    Bucket,
+    ConnectionCounter,
+)
 from twin.ui.access.requests import (
     TRY_AGAIN_LATER,
     WebSocketLimits,
@@ -41,19 +48,19 @@ from twin.ui.access.requests import (
 )
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
-from twin.ui.viewer.admission import FIRST, Admission
-from twin.ui.viewer.message_filter import LONGEST, MessageFilter, NonsenseError, StaleError
+from twin.ui.viewer.admission import FIRST_MESSAGE_TIMEOUT, Admission
+from twin.ui.viewer.message_filter import MAX_MESSAGE_BYTES, MessageFilter, NonsenseError, StaleError
 
-BYTES = (8e6, 40e6)
+PAGE_BYTE_LIMIT = (8e6, 40e6)
 """Limit of bytes from one page: (per second, burst); the page sends the 36 pictures of a turntable."""
 
-FRAMES = (600.0, 1200.0)
+PAGE_FRAME_LIMIT = (600.0, 1200.0)
 """Limit of WebSocket frames from one page: (per second, burst)."""
 
-PATIENCE = 60.0
+PING_TIMEOUT = 60.0
 """Maximum time in s until a page answers a ping; pages with software rendering are slow."""
 
-POLICY = (
+PAGE_POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; media-src data: blob:; "
     "connect-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -69,10 +76,10 @@ _SCRIPTS = ("page_additions.js", "page_tools.js")
 Content = Literal["robot", "faces"]
 """What a page shows: robots that move, or the faces of a STEP file."""
 
-STATE = "/state.json"
+STATE_PATH = "/state.json"
 """URL path of the state that `publish` stores."""
 
-_lock = threading.Lock()
+_socket_lock = threading.Lock()
 
 
 class PageConnection(Connection):
@@ -90,8 +97,8 @@ class PageConnection(Connection):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         now = time.monotonic()
-        self._messages = Bucket(*MESSAGES, now)
-        self._garbage = Bucket(*GARBAGE, now)
+        self._messages = Bucket(*MESSAGE_LIMIT, now)
+        self._garbage = Bucket(*MALFORMED_LIMIT, now)
         self.heard = now
         self._first_message_timer: asyncio.TimerHandle | None = None
 
@@ -103,7 +110,7 @@ class PageConnection(Connection):
     def wait_for_admission(self) -> None:
         """Let the client wait for its first valid message, for a limited time."""
         self.admission.wait(self)
-        self._first_message_timer = self.loop.call_later(FIRST, self.cut)
+        self._first_message_timer = self.loop.call_later(FIRST_MESSAGE_TIMEOUT, self.cut)
 
     async def recv(self, decode: bool | None = None) -> Any:
         """Return the next valid message; disconnect clients that repeatedly send invalid messages.
@@ -177,11 +184,11 @@ class ViewerAccess:
         self.opened = False
         page = Path(viser.__file__).parent / "client" / "build" / "index.html"
         content = with_additions(page.read_bytes(), command, shown)
-        self._files = {"/": File(content, "text/html; charset=utf-8", policy=POLICY)}
+        self._files = {"/": File(content, "text/html; charset=utf-8", policy=PAGE_POLICY)}
 
     def publish(self, state: bytes) -> None:
-        """Store the content of `STATE`, as JSON."""
-        self._files[STATE] = File(state, "application/json")
+        """Store the content of `STATE_PATH`, as JSON."""
+        self._files[STATE_PATH] = File(state, "application/json")
 
     def listen(
         self,
@@ -209,8 +216,8 @@ class ViewerAccess:
             host,
             port,
             self._check,
-            ConnectionCounter(SOCKETS, SOCKETS_OF_ONE),
-            WebSocketLimits(LONGEST, BYTES, FRAMES, PATIENCE),
+            ConnectionCounter(MAX_CONNECTIONS, MAX_CONNECTIONS_OF_ADDRESS),
+            WebSocketLimits(MAX_MESSAGE_BYTES, PAGE_BYTE_LIMIT, PAGE_FRAME_LIMIT, PING_TIMEOUT),
             kind=type("OwnPageConnection", (PageConnection,), attributes),
             select_subprotocol=select_subprotocol,
         )
@@ -258,18 +265,18 @@ def serve(
     if not access.opened:
         stop(server)
         raise TwinError(f"viser {viser.__version__} opens its port without access control: install viser 1.1")
-    _published[server] = access
+    _access_by_server[server] = access
     access.message_filter.set_server(server)
     access.message_filter.notify = lambda text: tell(server, title, text, bad=True)
     return server
 
 
-_published: weakref.WeakKeyDictionary[viser.ViserServer, ViewerAccess] = weakref.WeakKeyDictionary()
+_access_by_server: weakref.WeakKeyDictionary[viser.ViserServer, ViewerAccess] = weakref.WeakKeyDictionary()
 
 
 def publish(server: viser.ViserServer, state: JsonObject) -> None:
-    """Store the state that the page reads at `STATE`, for pages that have a session; it replaces an earlier one."""
-    access = _published.get(server)
+    """Store the state that the page reads at `STATE_PATH`, for pages with a session; it replaces an earlier one."""
+    access = _access_by_server.get(server)
     if access is not None:
         access.publish(to_json(state))
 
@@ -298,7 +305,7 @@ def _opening(access: ViewerAccess) -> Iterator[None]:
     )
     # viser opens the socket in a thread of its own, which reads the name from its module: the module's name is
     # replaced for as long as this takes, by one server at a time.
-    with _lock:
+    with _socket_lock:
         original = _infra.websockets
         _infra.websockets = replacement
         try:

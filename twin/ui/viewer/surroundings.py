@@ -11,10 +11,10 @@ import viser
 from twin.core.spatial import Array
 from twin.core.units import DEG
 
-FIRST = 40
+OUTSIDE_FOV_DEG = 40
 """Vertical angle of view in deg of the camera in the views from outside."""
 
-OUTSIDE = {
+OUTSIDE_VIEWS = {
     "overview": np.array([1.0, -1.35, 0.6]),
     "front": np.array([1.5, 0.0, 0.1]),
     "top": np.array([0.0, -0.01, 1.5]),
@@ -51,9 +51,9 @@ def furnish(server: viser.ViserServer, middle: Array, size: float, floor: float)
     scene.add_light_directional("/light/key", intensity=1.7, position=(1.2, -0.9, 2.2), cast_shadow=True)
     scene.add_light_directional("/light/fill", intensity=0.45, position=(-0.8, 1.6, 0.7))
     cell = 0.1 if size > 0.4 else 0.02
-    server.initial_camera.position = middle + size * OUTSIDE["overview"]
+    server.initial_camera.position = middle + size * OUTSIDE_VIEWS["overview"]
     server.initial_camera.look_at = middle
-    server.initial_camera.fov = FIRST * DEG
+    server.initial_camera.fov = OUTSIDE_FOV_DEG * DEG
     return scene.add_grid(
         "/floor", 60 * cell, 60 * cell, cell_size=cell, section_size=5 * cell, position=(middle[0], middle[1], floor),
         cell_color=(205, 211, 219), section_color=(186, 194, 204), shadow_opacity=0.3,

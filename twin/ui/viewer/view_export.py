@@ -13,7 +13,7 @@ from twin.core.errors import TwinError
 from twin.core.progress import StepProgress, silent_step
 from twin.ui.viewer.front import Front
 
-TURN = 36
+TURNTABLE_PICTURES = 36
 """Number of pictures in a turntable (one revolution of the camera)."""
 
 _ALONG_UP = 1e-6
@@ -22,7 +22,7 @@ _ALONG_UP = 1e-6
 _NEARLY_WHITE = 250
 """Grey (of 255) behind transparent parts of a picture."""
 
-RATE = 30.0
+RECORDING_RATE = 30.0
 """Frames per second of a recording."""
 
 Progress = Callable[[float], object]
@@ -47,8 +47,8 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
     up = camera.up_direction / np.linalg.norm(camera.up_direction)
     arm = camera.position - centre
     images = []
-    for k in range(TURN):
-        angle = 2 * np.pi * k / TURN
+    for k in range(TURNTABLE_PICTURES):
+        angle = 2 * np.pi * k / TURNTABLE_PICTURES
         eye = centre + _turned(arm, up, angle)
         # axes of the camera: x to the right, y down, z along the view
         z = (centre - eye) / np.linalg.norm(centre - eye)
@@ -62,7 +62,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
         wxyz = spatial.quat_from_matrix_wxyz(R)
         image = _render(client, 480, 640, wxyz=wxyz, position=eye, fov=camera.fov)
         images.append(_over(image))
-        progress((k + 1) / TURN)
+        progress((k + 1) / TURNTABLE_PICTURES)
     buffer = io.BytesIO()
     frames = [Image.fromarray(image).convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
     frames[0].save(buffer, "GIF", save_all=True, append_images=frames[1:], duration=80, loop=0)
@@ -87,13 +87,13 @@ def page(front: Front, progress: StepProgress = silent_step) -> str:
     front.gizmo.visible = False
     try:
         serializer = front.server.get_scene_serializer()
-        for t in np.arange(0.0, clock.duration, 1 / RATE):
+        for t in np.arange(0.0, clock.duration, 1 / RECORDING_RATE):
             clock.seek(float(t))
             front.move_to_clock()
-            front.deform_organs(1 / RATE)
+            front.deform_organs(1 / RECORDING_RATE)
             front.draw()
             front.refresh()
-            serializer.insert_sleep(1 / RATE)
+            serializer.insert_sleep(1 / RECORDING_RATE)
             progress(t / clock.duration)
         return serializer.as_html()
     finally:

@@ -23,35 +23,35 @@ from twin.core.extras import require
 from twin.core.json_types import JsonObject
 from twin.exchange.formats.mcap.ros_definitions import full_name, short_name
 from twin.ui.access.connection import Connection
-from twin.ui.access.rate_limits import GARBAGE, Bucket, ConnectionCounter
+from twin.ui.access.rate_limits import MALFORMED_LIMIT, Bucket, ConnectionCounter
 from twin.ui.access.requests import WebSocketLimits, check_request, end, listen
 from twin.ui.access.responses import error_response
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.ros import operations
 from twin.ui.headset.ros.topic_table import TopicTable
 
-MESSAGES = (4000.0, 8000.0)
+FRAME_LIMIT = (4000.0, 8000.0)
 """Limit of WebSocket frames from one client: (per second, burst); two hands at 500 Hz with grips send 2000."""
 
-BYTES = (2_000_000.0, 4_000_000.0)
+BYTE_LIMIT = (2_000_000.0, 4_000_000.0)
 """Limit of bytes from one client: (per second, burst)."""
 
-_SUBSCRIPTIONS = 256
+_MAX_SUBSCRIPTIONS = 256
 """Maximum number of topics to which one client subscribes."""
 
-_CALLS = (1000.0, 4000.0)
+_CALL_LIMIT = (1000.0, 4000.0)
 """Limit of service calls from one client: (per second, burst)."""
 
-_UNREAD = 1_000_000
+_MAX_UNREAD_BYTES = 1_000_000
 """Maximum number of bytes of answers that a client has not read."""
 
-_QUIET = 1.0
+_STATUS_PAUSE = 1.0
 """Time in s after a status message about a topic during which the same message is not repeated."""
 
 COMPRESSIONS = ("none", "cbor")
 """Compressions of messages that a client may ask for."""
 
-_LEVELS = ("info", "warning", "error", "none")
+_STATUS_LEVELS = ("info", "warning", "error", "none")
 """Severities of status messages, the least first."""
 
 
@@ -88,14 +88,14 @@ class _Client:
 
     def send(self, document: JsonObject) -> None:
         """Send a document; disconnect a client that does not read its answers."""
-        if self.ws.waiting > _UNREAD:
+        if self.ws.waiting > _MAX_UNREAD_BYTES:
             self.ws.cut()
             return
         broadcast([self.ws], to_json(document).decode())
 
     def status(self, level: str, text: str, id: str | int | None = None) -> None:
         """Send a status message, unless its level is below that of the client."""
-        if _LEVELS.index(level) < _LEVELS.index(self.level):
+        if _STATUS_LEVELS.index(level) < _STATUS_LEVELS.index(self.level):
             return
         document: JsonObject = {"op": "status", "level": level, "msg": text}
         if id is not None:
@@ -103,10 +103,10 @@ class _Client:
         self.send(document)
 
     def refuse(self, subject: str, text: str, id: str | int | None, now: float) -> None:
-        """Send a status message of level error about a topic, unless one was sent in the last `_QUIET` s."""
-        if now - self.told.get(subject, -math.inf) < _QUIET:
+        """Send a status message of level error about a topic, unless one was sent in the last `_STATUS_PAUSE` s."""
+        if now - self.told.get(subject, -math.inf) < _STATUS_PAUSE:
             return
-        if len(self.told) > _SUBSCRIPTIONS:
+        if len(self.told) > _MAX_SUBSCRIPTIONS:
             self.told.clear()
         self.told[subject] = now
         self.status("error", f"{subject}: {text}", id)
@@ -132,7 +132,7 @@ class RosBridge:
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Start listening on an address and a port (0: any free port); `context` enables TLS."""
-        limits = WebSocketLimits(operations.LONGEST, BYTES, MESSAGES)
+        limits = WebSocketLimits(operations.MAX_MESSAGE_BYTES, BYTE_LIMIT, FRAME_LIMIT)
         self._server: Server = await listen(
             self._serve, host, port, self._check, self._counter, limits, context=context
         )
@@ -167,7 +167,9 @@ class RosBridge:
     async def _serve(self, connection: Connection) -> None:
         self._last_number += 1
         now = time.monotonic()
-        client = _Client(f"ROS client {self._last_number}", connection, Bucket(*GARBAGE, now), Bucket(*_CALLS, now))
+        client = _Client(
+            f"ROS client {self._last_number}", connection, Bucket(*MALFORMED_LIMIT, now), Bucket(*_CALL_LIMIT, now)
+        )
         connection.limit_send_queue()
         self._clients.append(client)
         try:
@@ -229,16 +231,16 @@ class RosBridge:
 
     def _subscribe(self, client: _Client, operation: operations.Subscribe) -> None:
         self._require_type(operation.topic, operation.type, self.topics.outputs)
-        if len(client.subscriptions) >= _SUBSCRIPTIONS:
-            raise DeviceError(f"a client may subscribe to at most {_SUBSCRIPTIONS} topics")
+        if len(client.subscriptions) >= _MAX_SUBSCRIPTIONS:
+            raise DeviceError(f"a client may subscribe to at most {_MAX_SUBSCRIPTIONS} topics")
         if operation.compression not in COMPRESSIONS:
             raise DeviceError(f"the compression {operation.compression} is not known: {', '.join(COMPRESSIONS)}")
         subscription = client.subscriptions.get(operation.topic, _Subscription())
         if operation.compression == "cbor":
             require("cbor2", "a subscription with CBOR")
             subscription.cbor = True
-        if len(subscription.pauses) >= _SUBSCRIPTIONS:
-            raise DeviceError(f"a client may subscribe to a topic at most {_SUBSCRIPTIONS} times")
+        if len(subscription.pauses) >= _MAX_SUBSCRIPTIONS:
+            raise DeviceError(f"a client may subscribe to a topic at most {_MAX_SUBSCRIPTIONS} times")
         subscription.pauses[operation.id] = operation.throttle_rate / 1000
         subscription.sent = -math.inf
         client.subscriptions[operation.topic] = subscription
@@ -262,7 +264,7 @@ class RosBridge:
             answer["id"] = operation.id
         try:
             if not client.calls.take(time.monotonic()):
-                raise DeviceError(f"more than {_CALLS[0]:g} calls of services per second")
+                raise DeviceError(f"more than {_CALL_LIMIT[0]:g} calls of services per second")
             answer["values"] = self.topics.call(operation.service, operation.args)
         except DeviceError as error:
             answer["result"] = False

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from twin.core.spatial import Array
 from twin.simulation.devices.received_hands import HandState, ReceivedHands
 
-ROS = "ros"
+ROS_OWNER = "ros"
 """Identifier of the owner of the hands if messages of ROS clients move them."""
 
-_MOST = 256
+_MAX_WAITING_STATES = 256
 """Maximum number of waiting states; a flood of messages then does not delay the ticks."""
 
-_SILENT = 5.0
+_SILENCE_TIMEOUT = 5.0
 """Time in s without a message after which ROS clients no longer own the hands."""
 
 
@@ -82,7 +82,7 @@ class RosHands:
         grip = sender.grips.get(hand, 0.0)
         state = HandState(hand, self.clutch, self.camera, handle.number, pose, grip)
         handle.number = (handle.number + 1) % 2**32
-        if len(self._waiting) >= _MOST:
+        if len(self._waiting) >= _MAX_WAITING_STATES:
             self._waiting.popleft()
         self._waiting.append((client, state))
         handle.client = client
@@ -161,9 +161,9 @@ class RosHands:
         return share
 
     def silent(self, t: float) -> bool:
-        """Return whether no pose was accepted in the last `_SILENT` s before time t in s."""
+        """Return whether no pose was accepted in the last `_SILENCE_TIMEOUT` s before time t in s."""
         latest = max(handle.heard for handle in self._handles)
-        return not 0 <= t - latest <= _SILENT
+        return not 0 <= t - latest <= _SILENCE_TIMEOUT
 
     def senders(self) -> dict[str, str | None]:
         """Return the client of each hand."""

@@ -31,7 +31,7 @@ from twin.ui.headset.ros.bridge import RosBridge
 from twin.ui.headset.ros.operations import JointState, PoseStamped, StateCommand, checked_message
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
 
-RATE = 250.0
+ROUND_RATE = 250.0
 """Rounds per second; each sends the packets of its ticks and the newest messages."""
 
 
@@ -83,7 +83,7 @@ async def _rounds(line: Connection, topics: MachineTopics, bridge: RosBridge) ->
     begun = time.monotonic()
     sent = 0
     while not line.poll():
-        await asyncio.sleep(1 / RATE)
+        await asyncio.sleep(1 / ROUND_RATE)
         due = int((time.monotonic() - begun) / TICK)
         # After a pause, packets are left out: if they were sent late and faster, so would the tool move.
         topics.advance(min(due - sent, topics.master.link.room))
@@ -91,13 +91,13 @@ async def _rounds(line: Connection, topics: MachineTopics, bridge: RosBridge) ->
         bridge.send()
 
 
-_PRESSED = 500
+_STOP_BUTTON_TICKS = 500
 """Number of ticks within which the stop button has stopped the machine."""
 
-PATIENCE = 0.25
+GOAL_TIMEOUT = 0.25
 """Time in s without a goal after which the client no longer leads the machine, and the pedal goes up."""
 
-_STATES = {
+_CRTK_STATES = {
     Level.E_STOP: "DISABLED",
     Level.INIT: "ENABLED",
     Level.PEDAL_UP: "PAUSED",
@@ -147,13 +147,13 @@ class MachineTopics(TopicTable):
         self._tool_frame = f"{robot}/tool"
 
     def advance(self, ticks: int) -> None:
-        """Send the packets of a number of ticks; a client that is silent for longer than `PATIENCE` no longer leads."""
-        if self._client is not None and time.monotonic() - self._heard > PATIENCE:
+        """Send the packets of a number of ticks; a client silent for longer than `GOAL_TIMEOUT` no longer leads."""
+        if self._client is not None and time.monotonic() - self._heard > GOAL_TIMEOUT:
             self.leave(self._client)
         state = self.master.link.state
         if state is not None and state.level != Level.E_STOP:
             self._ran = True
-            if state.tick > self._stop_tick + _PRESSED:
+            if state.tick > self._stop_tick + _STOP_BUTTON_TICKS:
                 self._stopped = False  # started again since
         self.master.step(ticks)
 
@@ -204,7 +204,7 @@ class MachineTopics(TopicTable):
     def _take(self, client: str) -> str:
         """Let a client lead the machine; return why it may not, or ""."""
         if self._client not in (None, client):
-            return f"{self._client} moves the machine until it has been silent for {PATIENCE:g} s"
+            return f"{self._client} moves the machine until it has been silent for {GOAL_TIMEOUT:g} s"
         problem = self.master.link.problem
         if problem:
             return problem
@@ -261,7 +261,7 @@ class MachineTopics(TopicTable):
         state = self.master.link.state
         if state is None:
             return ros.operating_state(self.t, "FAULT", is_busy=False, is_homed=False)
-        word = _STATES[state.level]
+        word = _CRTK_STATES[state.level]
         if state.level == Level.E_STOP and self._ran and not self._stopped:
             word = "FAULT"
         moves = self.master.leads and not self.master.held and state.level == Level.PEDAL_DN

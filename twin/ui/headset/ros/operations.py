@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from twin.core.errors import DeviceError
 from twin.schema import first_mistake
 
-LONGEST = 16_384
+MAX_MESSAGE_BYTES = 16_384
 """Maximum length in bytes of a client's message."""
 
 _Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -89,7 +89,7 @@ class SetLevel(_Operation):
 
 Operation = Advertise | Unadvertise | Publish | Subscribe | Unsubscribe | CallService | SetLevel
 
-_OPERATION: TypeAdapter[Operation] = TypeAdapter(Annotated[Operation, Field(discriminator="op")])
+_OPERATION_ADAPTER: TypeAdapter[Operation] = TypeAdapter(Annotated[Operation, Field(discriminator="op")])
 
 
 def parse(text: str | bytes) -> Operation:
@@ -101,7 +101,7 @@ def parse(text: str | bytes) -> Operation:
     if isinstance(text, bytes):
         raise DeviceError("a binary message was received; send JSON text")
     try:
-        return _OPERATION.validate_json(text)
+        return _OPERATION_ADAPTER.validate_json(text)
     except ValidationError as error:
         raise DeviceError(_mistake(error)) from None
 
@@ -220,10 +220,10 @@ class StateCommand(_Message):
     string: Literal["enable", "home", "disable", "pause"]
 
 
-_M = TypeVar("_M", bound=_Message)
+_MessageType = TypeVar("_MessageType", bound=_Message)
 
 
-def checked_message(kind: type[_M], message: dict[str, Any]) -> _M:
+def checked_message(kind: type[_MessageType], message: dict[str, Any]) -> _MessageType:
     """Return a message as a model.
 
     Raises:

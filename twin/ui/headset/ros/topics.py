@@ -22,13 +22,13 @@ from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.packets import grip_angle, handle_pose
 from twin.simulation.world import Signals
 from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_FOLLOWS, ROBOT_GOAL
-from twin.ui.headset.ros.hands import ROS, RosHands
+from twin.ui.headset.ros.hands import ROS_OWNER, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
 from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.pens import Pens
 
-_PRESSED = 1
+_BUTTON_PRESSED = 1
 """Value of a pressed button in sensor_msgs/Joy."""
 
 
@@ -90,11 +90,11 @@ class ConsoleTopics(TopicTable):
 
     def _add_console(self) -> None:
         def clutch(client: str, message: dict[str, Any]) -> str:
-            self.hands.press(client, clutch=checked_message(Joy, message).buttons[0] == _PRESSED)
+            self.hands.press(client, clutch=checked_message(Joy, message).buttons[0] == _BUTTON_PRESSED)
             return ""
 
         def camera(client: str, message: dict[str, Any]) -> str:
-            self.hands.press(client, camera=checked_message(Joy, message).buttons[0] == _PRESSED)
+            self.hands.press(client, camera=checked_message(Joy, message).buttons[0] == _BUTTON_PRESSED)
             return ""
 
         def scale(client: str, message: dict[str, Any]) -> str:
@@ -102,7 +102,7 @@ class ConsoleTopics(TopicTable):
             low, high = SCALE
             if not low <= value <= high:
                 raise DeviceError(f"the scale {value:g} is outside {low:g} to {high:g}")
-            owner = ROS
+            owner = ROS_OWNER
             if self._pens.client is not None:
                 owner = self._pens.client  # messages `servo_cp` move the tool
             try:
