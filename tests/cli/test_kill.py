@@ -53,7 +53,7 @@ SAVE = (
     + """
 from pathlib import Path
 from twin import api
-from twin.ui.viewer.robot_file_edits import save_posture
+from twin.ui.session.robot_file_edits import save_posture
 robot = api.load(sys.argv[1])
 save_posture(robot.files.description, "kept", {j.name: sum(j.limits) / 2 for j in robot.mechanism.active})
 """

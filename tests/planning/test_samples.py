@@ -19,7 +19,7 @@ from twin.planning.plan import plan
 from twin.planning.plan_files import write_samples
 from twin.planning.protocol import load_protocol
 from twin.planning.sampled_phase import between
-from twin.ui.viewer.robot_file_edits import append_phase
+from twin.ui.session.robot_file_edits import append_phase
 
 UP, ASIDE, DOWN = (np.array(q) for q in ([0.5, 0.0, 0.0], [0.2, 0.3, 0.1], [-0.3, 0.2, 0.0]))
 JOINTS = [(f"q{i}", True) for i in range(3)]

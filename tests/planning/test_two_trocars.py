@@ -30,12 +30,12 @@ from twin.ui.headset.state_document import trocar_entries
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import patient_of
 from twin.ui.session.readings import read
+from twin.ui.session.robot_file_edits import ends_in_patient
 from twin.ui.session.timeline import prepare
 from twin.ui.session.trocars import in_trocars
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
-from twin.ui.viewer.robot_file_edits import _ends_inside
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
 from twin.validation.stage_content import content
@@ -272,8 +272,8 @@ def test_an_insertion_begins_at_the_trocar_that_it_names(tmp_path):
         twin.plan(pa10, away)
 
 
-def test_an_instrument_that_begins_in_a_trocar_ends_inside(robot):
-    assert _ends_inside(robot.protocol("stitch"))
+def test_an_instrument_that_begins_in_a_trocarends_in_patient(robot):
+    assert ends_in_patient(robot.protocol("stitch"))
 
 
 def test_a_trocar_in_metres_is_among_the_faults_that_are_looked_for(tmp_path, rng):

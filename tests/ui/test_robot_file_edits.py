@@ -20,7 +20,9 @@ from twin.core.units import DEG
 from twin.planning.phase_path import build
 from twin.planning.protocol import load_protocol
 from twin.planning.protocol.course import angles_of, rotation
-from twin.ui.viewer.robot_file_edits import RecordedSession, append_phase, rewrite, save_posture
+from twin.ui.session.recorded_session import RecordedSession
+from twin.ui.session.robot_file_edits import append_phase, save_posture
+from twin.ui.session.toml_edits import TomlEntry, rewrite
 
 ROOT = Path(__file__).parents[2]
 PROTOCOLS = sorted(ROOT.glob("trajectories/*/*.toml"))
@@ -221,18 +223,18 @@ def test_a_broken_description_is_not_written(text, tmp_path, left_alone):
 def test_a_table_finds_its_place_in_any_layout(text, new, tmp_path):
     path = tmp_path / "file.toml"
     path.write_text(text)
-    rewrite(path, [("t", "b", {"x": 2})], lambda fresh: None)
+    rewrite(path, [TomlEntry("t", "b", {"x": 2})], lambda fresh: None)
     written = path.read_text()
     assert new is None or written == new
     assert lines_are_kept(text, written)
     assert tomllib.loads(written)["t"]["b"] == {"x": 2}
 
 
-@pytest.mark.parametrize(("text", "key"), [("t = {a = {x = 1}}\n", "b"), ("t = [{x = 1}]\n", None)])
+@pytest.mark.parametrize(("text", "key"), [("t = {a = {x = 1}}\n", "b"), ("t = [{x = 1}]\n", None), ("u = 1\n", None)])
 def test_a_layout_without_a_place_is_refused_not_spoilt(text, key, tmp_path, left_alone):
     path = tmp_path / "file.toml"
     path.write_text(text)
-    call = lambda: rewrite(path, [("t", key, {"x": 2})], lambda fresh: None)  # noqa: E731
+    call = lambda: rewrite(path, [TomlEntry("t", key, {"x": 2})], lambda fresh: None)  # noqa: E731
     left_alone(path, call, DescriptionError, "cannot add [", "in this layout", "headers")
 
 

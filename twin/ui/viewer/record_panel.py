@@ -12,8 +12,8 @@ import viser
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.ui.session.recorded_session import MAX_MOMENTS, RecordedSession
+from twin.ui.session.robot_file_edits import append_phase, identifier, save_posture
 from twin.ui.viewer.front import Front, ShownRobot
-from twin.ui.viewer.robot_file_edits import append_phase, identifier, save_posture
 
 
 class RecordPanel:
