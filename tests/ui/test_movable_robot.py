@@ -394,7 +394,7 @@ def test_new_trocars_keep_a_changed_design_and_forget_the_last_request():
 
 def test_texts_in_the_readout_are_escaped_and_no_phases_are_an_empty_bar(sils):
     assert "a &lt; b" in readout.table(read(sils), "a < b")
-    assert "<span" not in readout.phases([], "")
+    assert "<span" not in readout.phase_bar([], "")
 
 
 def test_a_coordinate_that_rounds_to_zero_has_no_sign_and_a_small_one_keeps_its_sign():
@@ -480,10 +480,10 @@ def test_every_residual_is_told_in_its_own_unit(any_movable):
         off[i] += 0.25
         found = _joint_error(any_movable, off, q)
         assert (found.what, found.is_angle) == (f"joint {joint.name}", joint.is_angle)
-        assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
+        assert readout.residual_text(found) == ("14.324°" if joint.is_angle else "250.000 mm")
         reading = replace(read(any_movable), residual=found, incomparable="")
-        assert readout.amount(found) in readout.table(reading)
-        assert readout.amount(found) in residual_html(reading)
+        assert readout.residual_text(found) in readout.table(reading)
+        assert readout.residual_text(found) in residual_html(reading)
         state = reading_entries(reading, None)
         assert (state["residual_m"] is None, state["residual_rad"] is None) == (joint.is_angle, not joint.is_angle)
     assert reading_entries(SimpleNamespace(gap=0.0, residual=found, incomparable="", rcm_error=None, depth=None), 0.5)[
@@ -580,15 +580,15 @@ def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_movable):
 
 
 def test_a_rounding_error_is_shown_without_digits():
-    lengths = [readout.length(metres) for metres in (0.0, -3e-13, 3e-11, 2e-10, 5e-6, 0.04, np.nan)]
+    lengths = [readout.length_text(metres) for metres in (0.0, -3e-13, 3e-11, 2e-10, 5e-6, 0.04, np.nan)]
     assert lengths == ["0 mm", "< 1 pm", "30 pm", "0.200 nm", "5.000 µm", "40.000 mm", "-"]
 
 
 def test_rounding_errors_are_exact_and_a_picometre_is_no_news():
-    assert [readout.difference(metres) for metres in (0.0, -9e-10, 2e-9, 3e-3)] == [
+    assert [readout.difference_text(metres) for metres in (0.0, -9e-10, 2e-9, 3e-3)] == [
         "exact",
         "exact",
         "2.000 nm",
         "3.000 mm",
     ]
-    assert readout.difference(np.nan) == "-"
+    assert readout.difference_text(np.nan) == "-"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -21,6 +21,9 @@ from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, job_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
+
+if TYPE_CHECKING:
+    from viser._gui_handles import GuiProgressBarHandle
 
 MAX_SHOWN_POINTS = 60_000
 """Maximum number of workspace points sent to a browser."""
@@ -45,7 +48,7 @@ class DesignPanel:
         # set when the panel is built; the last two only for a robot with equations
         self._show_b: viser.GuiCheckboxHandle
         self._comparison: viser.GuiHtmlHandle
-        self._progress: Any  # viser does not export the class of progress bars
+        self._progress: GuiProgressBarHandle
         self._reached: viser.GuiMarkdownHandle
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
@@ -372,7 +375,7 @@ def residual_html(reading: RobotReading) -> str:
     if not reading.comparable:
         return escape(reading.incomparable)
     what = f" ({escape(reading.residual.what)})" if reading.residual.what else ""
-    return readout.amount(reading.residual) + what
+    return readout.residual_text(reading.residual) + what
 
 
 def _condition(reading: RobotReading) -> str:

@@ -246,7 +246,7 @@ class PlayPanel:
         status = f"**{escape(playback.title)}** · phase **{phase}** · {clock.time:.2f} of {clock.duration:.2f} s"
         if status != self._status.content:
             self._status.content = status
-            self._phases.content = readout.phases(playback.phases, phase)
+            self._phases.content = readout.phase_bar(playback.phases, phase)
         label = "❚❚ Pause" if clock.playing else "▶ Play"
         if self._play_button.label != label:
             self._play_button.label = label
