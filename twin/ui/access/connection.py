@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Response
+from websockets.protocol import Event
 
 from twin.ui.access.rate_limits import BYTE_LIMIT, FRAME_LIMIT, Bucket, ConnectionCounter, counted_address
 
@@ -109,7 +110,7 @@ class Connection(ServerConnection):
             if self._refused:
                 return
 
-    def process_event(self, event: Any) -> None:
+    def process_event(self, event: Event) -> None:
         """Count a frame of any type."""
         if self.request is not None and not self._frames.take(time.monotonic()):
             self.cut()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -196,7 +195,7 @@ class LiveRobot:
         return self.place.T_world_base @ T_base_link
 
     @property
-    def content_key(self) -> tuple[Any, ...]:
+    def content_key(self) -> tuple[object, ...]:
         """Key of the present frame's content; frames with equal keys have the same poses, flags and protocol time."""
         return self._shown, self.flags, self.clip_time
 
@@ -572,7 +571,7 @@ class LiveRobot:
         """Return the robot's part of the document `state`."""
         playback = None
         protocol = None
-        phases: list[list[Any]] = []
+        phases: list[list[object]] = []
         phase = None
         if self._streamed is not None:
             playback = self._streamed.playback

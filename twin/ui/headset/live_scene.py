@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from twin.core.errors import unknown
 from twin.core.json_types import JsonObject
@@ -53,7 +52,7 @@ class LiveScene:
         self._tick = -1.0
         self._tick_of_frame = -float(HEARTBEAT_TICKS)
         self._seq = 0
-        self._sent_key: tuple[Any, ...] = ()
+        self._sent_key: tuple[object, ...] = ()
         for twin in twins:
             twin.send = self._sender(twin)
             twin.planned = self._planned

@@ -11,9 +11,9 @@ import asyncio
 import logging
 import socket
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 from twin.core.errors import TwinError
 from twin.core.extras import require
@@ -22,6 +22,7 @@ from twin.ui.headset.problem_reports import ProblemReports
 
 if TYPE_CHECKING:
     from aiomqtt import Client, Message
+    from paho.mqtt.reasoncodes import ReasonCode
 
 _RETRY_PAUSE = 2.0
 """Pause in s between two attempts to connect."""
@@ -135,7 +136,8 @@ class ScaleTopic:
 
     async def _subscribe(self, client: Client) -> None:
         """Subscribe to the topic of new scales; raise the library's error if the broker rejects the subscription."""
-        codes: Any = await client.subscribe(f"{self.topic}/set", qos=1)
+        answers = await client.subscribe(f"{self.topic}/set", qos=1)
+        codes = cast("Sequence[ReasonCode]", answers)  # numbers only in versions of MQTT before 5
         for code in codes:
             if code.is_failure:
                 raise self._mqtt.MqttError(f"the broker refuses the topic {self.topic}/set ({codes[0]})")

@@ -6,7 +6,10 @@ import asyncio
 import logging
 import threading
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 
 class SolverThread:
@@ -19,18 +22,23 @@ class SolverThread:
     def __init__(self, broken: Callable[[Exception], object]) -> None:
         """Start the thread; `broken` is called in the event loop with an unexpected exception of a job."""
         self._broken = broken
-        self._jobs: dict[str, tuple[Callable[[], Any], Callable[[Any], object]]] = {}
+        # A job returns the function that the event loop calls then.
+        self._jobs: dict[str, Callable[[], Callable[[], object]]] = {}
         self._condition = threading.Condition()
         self._ended = False
         self._loop = asyncio.get_running_loop()
         self._thread = threading.Thread(target=self._run, daemon=True, name="solver")
         self._thread.start()
 
-    def ask(self, kind: str, job: Callable[[], Any], done: Callable[[Any], object]) -> None:
+    def ask(self, kind: str, job: Callable[[], Result], done: Callable[[Result], object]) -> None:
         """Queue a job, and remove a waiting job of the same kind; `done` is called with the result of the job."""
+
+        def solve() -> Callable[[], object]:
+            return partial(done, job())
+
         with self._condition:
             self._jobs.pop(kind, None)
-            self._jobs[kind] = (job, done)
+            self._jobs[kind] = solve
             self._condition.notify()
 
     def drop(self, *kinds: str) -> None:
@@ -58,16 +66,17 @@ class SolverThread:
                 self._condition.wait_for(lambda: self._jobs or self._ended)
                 if self._ended:
                     return
-                job, done = self._jobs.pop(next(iter(self._jobs)))
+                oldest_kind = next(iter(self._jobs))
+                solve = self._jobs.pop(oldest_kind)
             try:
-                result = job()
+                report = solve()
             except Exception as error:  # a failing job must not end the thread
                 logging.getLogger(__name__).exception("a job failed")
-                done, result = self._broken, error
+                report = partial(self._broken, error)
             with self._condition:
                 if self._ended:
                     return
             try:
-                self._loop.call_soon_threadsafe(done, result)
+                self._loop.call_soon_threadsafe(report)
             except RuntimeError:  # the event loop has been closed
                 return

@@ -10,9 +10,9 @@ import base64
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -129,7 +129,7 @@ def sevens(Ts: Array) -> Array:
     return np.concatenate([Ts[..., :3, 3], np.roll(q, -1, axis=-1)], axis=-1)
 
 
-def pose_of(seven: Any) -> Array:
+def pose_of(seven: ArrayLike) -> Array:
     """Return the pose (4, 4) for seven numbers: x y z in m, and a quaternion x y z w of any nonzero length."""
     v = np.asarray(seven, float)
     q = np.roll(v[3:], 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -150,7 +150,7 @@ def _logarithmic(ax: Axes) -> None:
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(ax: Axes, **more: Any) -> None:
+def _legend(ax: Axes, **more: object) -> None:
     """Add a legend; none if nothing has been drawn."""
     handles, _ = ax.get_legend_handles_labels()
     if handles:

@@ -128,7 +128,7 @@ def log_ticks(ax: Axes, values: Sequence[float], text: Callable[[float], str]) -
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def template(name: str, **filters: Callable[..., Any]) -> Template:
+def template(name: str, **filters: Callable[..., object]) -> Template:
     """Return the page template `name` of this folder; `filters` are added to the filters of jinja2."""
     from jinja2 import DictLoader, Environment, StrictUndefined
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,15 @@ from twin.core.errors import CancelledError, TwinError
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
+
+if TYPE_CHECKING:
+    from twin.api import Robot
+    from twin.kinematics import Kinematics
+    from twin.model.scene import Scene
+    from twin.planning.fmt import SearchTree
+    from twin.planning.path import Path
+    from twin.planning.rounds import SearchRound
+    from twin.reference.joint_space import JointSpace
 
 DT = 1e-3
 """Time in s between two poses of a plan: a tick of the World."""
@@ -139,7 +148,14 @@ class Proven:
     bodies: tuple[str, str]
 
 
-def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
+PlanResult = PlannedMotion | Clear | Proven
+"""What a `PlanJob` yields in its second part."""
+
+JobResult = float | CheckedTarget | PlanResult
+"""What a job yields; a number is the completed fraction of a search."""
+
+
+def work(job: TargetCheck | PlanJob) -> Iterator[JobResult]:
     """Yield the results of a job.
 
     Raises:
@@ -155,10 +171,10 @@ def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
         arm.space.load()
 
 
-def _with_progress(job: PlanJob) -> Iterator[Any]:
+def _with_progress(job: PlanJob) -> Iterator[JobResult]:
     """Yield the results of a plan, made in a thread, and each `_PROGRESS_PERIOD` without one the completed fraction."""
     # results of the plan, then None, or the error that ended it
-    results: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    results: queue.SimpleQueue[PlanResult | BaseException | None] = queue.SimpleQueue()
     is_cancelled = threading.Event()
     completed = 0.0
 
@@ -195,7 +211,7 @@ def _with_progress(job: PlanJob) -> Iterator[Any]:
 
 def plan(
     job: PlanJob, report: Callable[[float], None] = lambda fraction: None, cancelled: Callable[[], bool] = lambda: False
-) -> Iterator[PlannedMotion | Clear | Proven]:
+) -> Iterator[PlanResult]:
     """Yield the results of a plan; `report` is called with the completed fraction of the search.
 
     Raises:
@@ -209,7 +225,11 @@ def plan(
             raise CancelledError
 
     arm = _arm_of(job.room)
-    trees = []  # the search tree after each round
+    trees: list[SearchTree] = []  # the tree after each round of the search
+
+    def keep_tree(search_round: SearchRound, tree: SearchTree) -> None:
+        trees.append(tree)
+
     try:
         path = around(
             arm.space,
@@ -218,7 +238,7 @@ def plan(
             seed=job.seed,
             progress=report,
             cancelled=cancelled,
-            ended=lambda search_round, tree: trees.append(tree),
+            ended=keep_tree,
         )
     except NoPathError as error:
         remedy = "end the planning mode and move the arm" if error.at_start else "move the target"
@@ -254,7 +274,7 @@ def _shown_links(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
     return names, np.array(poses)
 
 
-def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
+def _tips(arm: _Arm, trees: Sequence[SearchTree]) -> Array:
     """Return the tip positions (edges, 2, 3) at both ends of each edge of the last tree, in m in the base frame."""
     if not trees or not len(trees[-1].branches):
         return np.zeros((0, 2, 3))
@@ -263,7 +283,7 @@ def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
     return tips[tree.branches]
 
 
-def _timed(path: Any, arm: _Arm, job: PlanJob) -> Array:
+def _timed(path: Path, arm: _Arm, job: PlanJob) -> Array:
     """Return path parameters s (k,), one every `DT` s, of the fastest motion within the limits of joints and tool."""
     from twin.planning.timing import time_path
 
@@ -283,8 +303,8 @@ def _timed(path: Any, arm: _Arm, job: PlanJob) -> Array:
 class _Arm:
     """The arm of a room: joint space, equations, link poses, speed limits (n,) and acceleration limits (n,)."""
 
-    space: Any
-    kin: Any
+    space: JointSpace
+    kin: Kinematics
     links: Callable[[Array], Mapping[str, Array]]
     speed: Array
     acceleration: Array
@@ -336,14 +356,14 @@ def _make(room: Room) -> _Arm:
 
 
 @cache
-def _load(robot: str) -> Any:
+def _load(robot: str) -> Robot:
     from twin.api import load
 
     return load(robot)
 
 
 @cache
-def _scene(file: str) -> Any:
+def _scene(file: str) -> Scene:
     from twin.core import assets
     from twin.model.scene import load_scene
 

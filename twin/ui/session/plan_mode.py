@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -31,7 +31,17 @@ from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World
 from twin.simulation.world.signal_kinds import ROBOT_ENCODER, ROBOT_PHASE, ROBOT_Q, ROBOT_TARGET
-from twin.ui.session.plan_jobs import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
+from twin.ui.session.plan_jobs import (
+    CheckedTarget,
+    Clear,
+    JobResult,
+    PlanJob,
+    PlannedMotion,
+    Proven,
+    Room,
+    TargetCheck,
+    work,
+)
 
 PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
 
@@ -76,7 +86,7 @@ class _Ahead:
     """
 
     job: PlanJob
-    pieces: list[Any] = field(default_factory=list)
+    pieces: list[JobResult] = field(default_factory=list)
     end: str | None = None
 
 
@@ -116,7 +126,7 @@ class PlanMode:
         self._machines: set[str] = set()
         if scene.trainer is not None:
             self._machines.update(scene.trainer.robots)
-        self._stream: Stream[Any] = Stream(work, nice=0)  # the user waits for it
+        self._stream: Stream[JobResult] = Stream(work, nice=0)  # the user waits for it
         arms = {}
         for name in (*self._table.right, *self._table.left):
             arms[name] = PlannedArm(members[name].kin, name in self._machines)
@@ -314,7 +324,7 @@ class PlanMode:
         elif self.phase == "run":
             self._watch()
 
-    def _take(self, piece: Any) -> None:
+    def _take(self, piece: JobResult) -> None:
         if isinstance(piece, float):
             self.completed = piece
         elif isinstance(piece, CheckedTarget):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import FailFast, Field, ValidationError
@@ -202,7 +202,7 @@ def _joint_list(joints: list[tuple[str, str]]) -> str:
     return ", ".join(f"{name} ({unit})" for name, unit in joints)
 
 
-def _checked_object(pairs: list[tuple[str, Any]]) -> JsonObject:
+def _checked_object(pairs: list[tuple[str, object]]) -> JsonObject:
     """Return the JSON object of these keys and values; refuse an object with more keys than a session has."""
     if len(pairs) > _MAX_KEYS:
         raise ValueError(f"an object has {len(pairs)} keys; an object of a session has at most {_MAX_KEYS}")

@@ -11,7 +11,7 @@ import math
 import typing
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields
-from typing import Any, Protocol
+from typing import Protocol, cast
 
 import msgspec
 import viser
@@ -67,6 +67,13 @@ class StaleError(Exception):
     """The message refers to a page element that was removed or changed."""
 
 
+class _PageElement(Protocol):
+    """Interface of an element of the page with a value; viser has a class for each kind of element."""
+
+    @property
+    def value(self) -> object: ...
+
+
 class Sender(Protocol):
     """Interface of the client that sent a message; only the client that started an upload can continue this upload."""
 
@@ -75,15 +82,24 @@ class Sender(Protocol):
 
 @dataclass
 class _Upload:
-    """An upload in progress: `bytes` and `parts` are still to come, `next` is the number of the next part."""
+    """An upload in progress.
+
+    Attributes:
+        sender: the client that sends the file.
+        transfer: identifier of the upload.
+        source: identifier of the upload button.
+        remaining_bytes, remaining_parts: number of bytes and of parts that are still to come.
+        start_time: time in s at which the upload began.
+        next_part: number of the next part, from 0.
+    """
 
     sender: Sender
     transfer: str
     source: str
-    bytes: int
-    parts: int
-    since: float
-    next: int = 0
+    remaining_bytes: int
+    remaining_parts: int
+    start_time: float
+    next_part: int = 0
 
 
 def _decoder(types: tuple[type, ...]) -> msgspec.msgpack.Decoder:
@@ -101,7 +117,7 @@ def _decoder(types: tuple[type, ...]) -> msgspec.msgpack.Decoder:
     return msgspec.msgpack.Decoder(typing.Union[tuple(structs)])  # noqa: UP007
 
 
-def _struct_fields(kind: type) -> list[tuple[str, Any, Any]]:
+def _struct_fields(kind: type) -> list[tuple[str, type, object]]:
     """Return name, type and default of the fields that a message of viser is created with."""
     hints = typing.get_type_hints(kind)
     declared = []
@@ -169,20 +185,25 @@ class MessageFilter:
         message = self._decode(raw)
         if self._gui is None:
             raise StaleError("there is no page yet")
-        kind = type(message).__name__
-        if kind == "FileTransferPart":
-            self._add_part(message, sender)
-        elif kind == "FileTransferStartUpload":
-            self._begin_upload(message, sender, now)
-        elif kind == "GetRenderResponseMessage":
-            _check_picture(message.payload)
+        # A decoded message has the name and the fields of its type in viser, but is no instance of it.
+        type_name = type(message).__name__
+        if type_name == "FileTransferPart":
+            self._add_part(cast(viser_messages.FileTransferPart, message), sender)
+        elif type_name == "FileTransferStartUpload":
+            self._begin_upload(cast(viser_messages.FileTransferStartUpload, message), sender, now)
+        elif type_name == "GetRenderResponseMessage":
+            _check_picture(cast(viser_messages.GetRenderResponseMessage, message).payload)
         else:
             _check_numbers(message)
-            if kind == "GuiUpdateMessage":
-                self._check_element(message)
+            if type_name == "GuiUpdateMessage":
+                self._check_element(cast(viser_messages.GuiUpdateMessage, message))
 
-    def _decode(self, raw: bytes) -> Any:
-        """Return a message as the structure of its type."""
+    def _decode(self, raw: bytes) -> msgspec.Struct:
+        """Return a message as a structure with the name and the fields of its type in viser.
+
+        Raises:
+            NonsenseError: the message has no accepted type, or its fields are not those of its type.
+        """
         if len(raw) > MAX_ORDINARY_BYTES:
             try:
                 return self._long.decode(raw)
@@ -199,28 +220,34 @@ class MessageFilter:
 
     # -- elements -------------------------------------------------------------------------------------
 
-    def _handle(self, uuid: str) -> Any:
-        assert self._gui is not None
-        handle = self._gui._gui_input_handle_from_uuid.get(uuid)
-        if handle is None or getattr(handle, "disabled", False):
-            raise StaleError("the element was removed, or is disabled")
-        return handle
+    def _element(self, uuid: str) -> _PageElement:
+        """Return the page element with an identifier.
 
-    def _check_element(self, message: Any) -> None:
+        Raises:
+            StaleError: there is no such element, or it is disabled.
+        """
+        assert self._gui is not None
+        element = self._gui._gui_input_handle_from_uuid.get(uuid)
+        if element is None or getattr(element, "disabled", False):
+            raise StaleError("the element was removed, or is disabled")
+        return element
+
+    def _check_element(self, message: viser_messages.GuiUpdateMessage) -> None:
+        """Check that a message sets the value of a page element to one that a user can choose."""
         if list(message.updates) != ["value"]:
             raise NonsenseError(f"a message may update only 'value', not {list(message.updates)[:3]}")
-        handle = self._handle(message.uuid)
+        element = self._element(message.uuid)
         value = message.updates["value"]
-        if isinstance(handle, viser.GuiUploadButtonHandle):
+        if isinstance(element, viser.GuiUploadButtonHandle):
             raise NonsenseError("a message must not set the value of an upload button")
-        if not _is_possible(handle, value):
+        if not _is_possible(element, value):
             raise NonsenseError("the value has the wrong type for its element")
 
     # -- files ----------------------------------------------------------------------------------------
 
-    def _begin_upload(self, message: Any, sender: Sender, now: float) -> None:
-        handle = self._handle(message.source_component_uuid)
-        if not isinstance(handle, viser.GuiUploadButtonHandle):
+    def _begin_upload(self, message: viser_messages.FileTransferStartUpload, sender: Sender, now: float) -> None:
+        element = self._element(message.source_component_uuid)
+        if not isinstance(element, viser.GuiUploadButtonHandle):
             raise NonsenseError("the element accepts no upload")
         if message.size_bytes > MAX_UPLOAD_BYTES:
             megabytes = message.size_bytes / 1e6
@@ -230,7 +257,7 @@ class MessageFilter:
             raise NonsenseError("the file is empty")
         unfinished = self._upload
         if unfinished is not None:
-            if now - unfinished.since < UPLOAD_TIMEOUT:
+            if now - unfinished.start_time < UPLOAD_TIMEOUT:
                 self._tell("another file is being loaded: wait until it is done", now)
                 raise StaleError("another upload is in progress")
             unfinished.sender.cut()
@@ -238,9 +265,9 @@ class MessageFilter:
             sender=sender,
             transfer=message.transfer_uuid,
             source=message.source_component_uuid,
-            bytes=message.size_bytes,
-            parts=message.part_count,
-            since=now,
+            remaining_bytes=message.size_bytes,
+            remaining_parts=message.part_count,
+            start_time=now,
         )
 
     def _tell(self, text: str, now: float) -> None:
@@ -249,25 +276,27 @@ class MessageFilter:
             self._last_notice = now
             self.notify(text)
 
-    def _add_part(self, message: Any, sender: Sender) -> None:
+    def _add_part(self, message: viser_messages.FileTransferPart, sender: Sender) -> None:
         upload = self._upload
         if upload is None or upload.sender is not sender or message.transfer_uuid != upload.transfer:
             raise StaleError("a part of a file arrived, but no upload was started")  # the upload was refused
-        upload.bytes -= len(message.content)
-        upload.parts -= 1
-        in_order = message.part_index == upload.next and message.source_component_uuid == upload.source
-        too_much = upload.bytes < 0 or upload.parts < 0
-        ends_early = (upload.parts == 0) != (upload.bytes == 0)  # the last part must bring the last byte
+        upload.remaining_bytes -= len(message.content)
+        upload.remaining_parts -= 1
+        in_order = message.part_index == upload.next_part and message.source_component_uuid == upload.source
+        too_much = upload.remaining_bytes < 0 or upload.remaining_parts < 0
+        ends_early = (upload.remaining_parts == 0) != (
+            upload.remaining_bytes == 0
+        )  # the last part must bring the last byte
         if not in_order or too_much or ends_early:
             self._upload = None
             sender.cut()  # disconnecting makes viser drop the received parts
             raise NonsenseError("a part of a file has the wrong number or size for the upload in progress")
-        upload.next += 1
-        if upload.parts == 0:
+        upload.next_part += 1
+        if upload.remaining_parts == 0:
             self._upload = None
 
 
-def _check_numbers(value: Any, name: str = "") -> None:
+def _check_numbers(value: object, name: str = "") -> None:
     """Raise `NonsenseError` if a message has a number beyond `_MAX_NUMBER` or a quaternion far from length 1."""
     if isinstance(value, msgspec.Struct):
         for field in value.__struct_fields__:
@@ -284,10 +313,10 @@ def _check_numbers(value: Any, name: str = "") -> None:
         raise NonsenseError(f"{name} = {value}")
 
 
-def _is_possible(handle: Any, value: Any) -> bool:
-    """Return whether a value is possible for an element."""
-    current = handle.value
-    options = getattr(handle, "options", None)
+def _is_possible(element: _PageElement, value: object) -> bool:
+    """Return whether a value from a page is possible for an element: an option, or of the type of its value."""
+    current = element.value
+    options = getattr(element, "options", None)
     if options is not None:
         return value in tuple(options)
     if isinstance(current, bool):  # before int, of which bool is a subclass
@@ -302,7 +331,7 @@ def _is_possible(handle: Any, value: Any) -> bool:
     return False
 
 
-def _is_vector(value: Any, length: int) -> bool:
+def _is_vector(value: object, length: int) -> bool:
     if not isinstance(value, list | tuple) or len(value) != length:
         return False
     # The exact type: True is an instance of int.

@@ -7,7 +7,7 @@ sends a separate message, so that a browser may show links from two different fr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from viser import _messages as messages
@@ -22,7 +22,7 @@ class _Node:
     """Access to viser's internal data of one scene node: its pose messages, their queue, and the pose in the handle."""
 
     def __init__(self, handle: viser.SceneNodeHandle) -> None:
-        self._state: Any = handle._impl
+        self._state = handle._impl
         self._queue = self._state.api._queue_scene_message  # adds the owner and queues a message, like the setters
         # viser sends at most 128 messages at once; frames with more than 64 nodes would be split.
         self._state.api._websock_interface.get_message_buffer().max_window_size += 2

@@ -25,7 +25,9 @@ import websockets.exceptions
 from pydantic_core import to_json
 from viser.infra import _infra
 from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as serve_sockets
 from websockets.http11 import Request, Response
+from websockets.protocol import Event
 
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -102,7 +104,7 @@ class PageConnection(Connection):
         self.heard = now
         self._first_message_timer: asyncio.TimerHandle | None = None
 
-    def process_event(self, event: Any) -> None:
+    def process_event(self, event: Event) -> None:
         """Note the time of a frame."""
         self.heard = time.monotonic()
         super().process_event(event)
@@ -196,9 +198,9 @@ class ViewerAccess:
         host: str,
         port: int,
         *,
-        select_subprotocol: Callable[..., Any],
-        **of_viser: Any,
-    ) -> Any:
+        select_subprotocol: Callable[..., object],
+        **of_viser: object,
+    ) -> serve_sockets:
         """Open viser's socket instead of `websockets.serve`, with the access control and limits of this module.
 
         viser's own limits (`of_viser`) are replaced by those of this module.

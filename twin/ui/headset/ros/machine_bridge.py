@@ -10,7 +10,6 @@ import asyncio
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from typing import Any
 
 import numpy as np
 
@@ -170,7 +169,7 @@ class MachineTopics(TopicTable):
 
     # -- inputs -----------------------------------------------------------------------------------------
 
-    def _servo(self, client: str, message: dict[str, Any]) -> str:
+    def _servo(self, client: str, message: JsonObject) -> str:
         stamped_pose = checked_message(PoseStamped, message)
         stamped_pose.require_frame(self._base)
         goal = handle_pose(stamped_pose.p, stamped_pose.q_wxyz)
@@ -183,7 +182,7 @@ class MachineTopics(TopicTable):
             return "the machine holds this goal as out of reach: send one within the limits of its joints"
         return ""
 
-    def _servo_jaw(self, client: str, message: dict[str, Any]) -> str:
+    def _servo_jaw(self, client: str, message: JsonObject) -> str:
         opening = grip_angle(checked_message(JointState, message).value_of(self._jaw))
         refusal = self._take(client)
         if refusal:
@@ -215,7 +214,7 @@ class MachineTopics(TopicTable):
         self._heard = time.monotonic()
         return ""
 
-    def _command(self, client: str, message: dict[str, Any]) -> str:
+    def _command(self, client: str, message: JsonObject) -> str:
         command = checked_message(StateCommand, message).string
         if command == "pause":
             if self._client not in (None, client):

@@ -6,11 +6,12 @@ authentication are refused.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from twin.core.errors import DeviceError
+from twin.core.json_types import JsonObject
 from twin.schema import first_mistake
 
 MAX_MESSAGE_BYTES = 16_384
@@ -47,7 +48,7 @@ class Publish(_Operation):
 
     op: Literal["publish"]
     topic: _Name
-    msg: dict[str, Any]
+    msg: JsonObject
 
 
 class Subscribe(_Operation):
@@ -61,7 +62,7 @@ class Subscribe(_Operation):
 
     @field_validator("compression", mode="before")
     @classmethod
-    def _none(cls, value: Any) -> Any:
+    def _none(cls, value: object) -> object:
         return "none" if value is None else value
 
 
@@ -77,7 +78,7 @@ class CallService(_Operation):
 
     op: Literal["call_service"]
     service: _Name
-    args: dict[str, Any] | list[Any] | None = None
+    args: JsonObject | list[object] | None = None
 
 
 class SetLevel(_Operation):
@@ -223,7 +224,7 @@ class StateCommand(_Message):
 _MessageType = TypeVar("_MessageType", bound=_Message)
 
 
-def checked_message(kind: type[_MessageType], message: dict[str, Any]) -> _MessageType:
+def checked_message(kind: type[_MessageType], message: JsonObject) -> _MessageType:
     """Return a message as a model.
 
     Raises:

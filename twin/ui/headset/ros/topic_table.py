@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from twin.core.errors import DeviceError
 from twin.core.json_types import JsonObject
@@ -32,7 +31,7 @@ class InputTopic:
     """
 
     type: str
-    take: Callable[[str, dict[str, Any]], str]
+    take: Callable[[str, JsonObject], str]
     moves: bool = False
 
 
@@ -83,7 +82,7 @@ class TopicTable:
     def leave(self, client: str) -> None:
         """Forget a client that has disconnected."""
 
-    def call(self, service: str, args: dict[str, Any] | list[Any] | None) -> JsonObject:
+    def call(self, service: str, args: JsonObject | list[object] | None) -> JsonObject:
         """Return the answer of a service of the node rosapi.
 
         Raises:
@@ -107,7 +106,7 @@ class TopicTable:
         raise DeviceError(f"there is no service {service}; there are {', '.join(SERVICES)}")
 
 
-def _argument(args: dict[str, Any] | list[Any] | None, name: str) -> str:
+def _argument(args: JsonObject | list[object] | None, name: str) -> str:
     value = args.get(name) if isinstance(args, dict) else next(iter(args or ()), None)
     if not isinstance(value, str):
         raise DeviceError(f"the argument {name} is missing: give a text")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -68,15 +67,15 @@ class ConsoleTopics(TopicTable):
     def _add_hand(self, number: int, hand: str) -> None:
         name = f"/MTM{hand[0].upper()}"
 
-        def pose(client: str, message: dict[str, Any]) -> str:
+        def pose(client: str, message: JsonObject) -> str:
             stamped_pose = checked_message(PoseStamped, message)
             return self.hands.pose(client, number, handle_pose(stamped_pose.p, stamped_pose.q_wxyz))
 
-        def grip(client: str, message: dict[str, Any]) -> str:
+        def grip(client: str, message: JsonObject) -> str:
             self.hands.grip(client, number, grip_angle(checked_message(Float64, message).data))
             return ""
 
-        def gripper(client: str, message: dict[str, Any]) -> str:
+        def gripper(client: str, message: JsonObject) -> str:
             self.hands.grip(client, number, grip_angle(checked_message(JointState, message).position[0]))
             return ""
 
@@ -89,15 +88,15 @@ class ConsoleTopics(TopicTable):
         self.outputs[f"{name}/body/servo_cf"] = OutputTopic("geometry_msgs/WrenchStamped", force)
 
     def _add_console(self) -> None:
-        def clutch(client: str, message: dict[str, Any]) -> str:
+        def clutch(client: str, message: JsonObject) -> str:
             self.hands.press(client, clutch=checked_message(Joy, message).buttons[0] == _BUTTON_PRESSED)
             return ""
 
-        def camera(client: str, message: dict[str, Any]) -> str:
+        def camera(client: str, message: JsonObject) -> str:
             self.hands.press(client, camera=checked_message(Joy, message).buttons[0] == _BUTTON_PRESSED)
             return ""
 
-        def scale(client: str, message: dict[str, Any]) -> str:
+        def scale(client: str, message: JsonObject) -> str:
             value = checked_message(Float64, message).data
             low, high = SCALE
             if not low <= value <= high:
@@ -155,10 +154,10 @@ class ConsoleTopics(TopicTable):
         if robot in (*self._console.table.right, *self._console.table.left):
             self.inputs[f"{name}/servo_cp"] = InputTopic(pose_type, self._servo(robot), moves=True)
 
-    def _servo(self, robot: str) -> Callable[[str, dict[str, Any]], str]:
+    def _servo(self, robot: str) -> Callable[[str, JsonObject], str]:
         """Return the function that moves the tool of a robot to a pose in its base, by the hand that controls it."""
 
-        def servo(client: str, message: dict[str, Any]) -> str:
+        def servo(client: str, message: JsonObject) -> str:
             stamped_pose = checked_message(PoseStamped, message)
             stamped_pose.require_frame(_base(robot))
             goal = handle_pose(stamped_pose.p, stamped_pose.q_wxyz)
