@@ -244,7 +244,7 @@ class LiveRobot:
 
     @property
     def flags(self) -> int:
-        """Flags of the present frame: `wire.GHOST`, `wire.PLAYING`, `wire.REFUSED`, `wire.HELD`."""
+        """Flags of the present frame: `wire.GHOST_FLAG`, `wire.PLAYING_FLAG`, `wire.REFUSED_FLAG`, `wire.HELD_FLAG`."""
         shown = self._shown
         return (
             wire.GHOST_FLAG * (shown.ghost is not None)

@@ -85,7 +85,7 @@ class StreamRecording:
         joints: tuple[str, ...],
         version: int = wire.ROBOT_VERSION,
     ) -> None:
-        """Begin the first recording; in version `wire.VERSION`, `robot` is the scene's name, `links` are its links."""
+        """Begin the first recording; for `wire.SCENE_VERSION`, `robot` and `links` are those of the scene."""
         self.path = Path(path)
         self._stem = self.path.stem
         self._recordings = 0  # finished ones, and their total size in bytes

@@ -26,7 +26,7 @@ QUANTISATION_STEPS = 65535
 """Number of quantisation steps along an edge of the bounding box."""
 
 HEARTBEAT_TICKS = 6
-"""Number of ticks, of 1 / `timeline.RATE` s, after which a stream sends a frame even if nothing has moved."""
+"""Number of ticks, of 1 / `timeline.TICK_RATE` s, after which a stream sends a frame even if nothing has moved."""
 
 _HEADER = struct.Struct("<IIddHHI")
 _BOX = struct.Struct("<I3f3f")
@@ -39,7 +39,7 @@ class SceneFrame:
     Attributes:
         seq, server_time: see `wire.RobotFrame`.
         time: time of the scene's clock in s.
-        flags: `wire.PLAYING`, and `wire.HELD` if a client holds a robot.
+        flags: `wire.PLAYING_FLAG`, and `wire.HELD_FLAG` if a client holds a robot.
         robots: frames of the robots, in the order of the scene.
         fields: vertices (n, 3) of each field, float32, in m in the world frame; n = 0 if the vertices are unknown at
             this time. The fields are in the order of the scene.

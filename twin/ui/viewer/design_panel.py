@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from html import escape
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import viser
@@ -22,9 +22,6 @@ from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
 
-if TYPE_CHECKING:
-    from viser._gui_handles import GuiProgressBarHandle
-
 MAX_SHOWN_POINTS = 60_000
 """Maximum number of workspace points sent to a browser."""
 
@@ -33,6 +30,12 @@ _DISPLAYED_UNITS = {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad"
 
 _REDRAW_PERIOD = 0.5
 """Time in s between two updates of a workspace that is being computed."""
+
+
+class ProgressBar(Protocol):
+    """Interface of a progress bar of viser, which does not export the class; `value` is in percent."""
+
+    value: float
 
 
 class DesignPanel:
@@ -48,7 +51,7 @@ class DesignPanel:
         # set when the panel is built; the last two only for a robot with equations
         self._show_b: viser.GuiCheckboxHandle
         self._comparison: viser.GuiHtmlHandle
-        self._progress: GuiProgressBarHandle
+        self._progress: ProgressBar
         self._reached: viser.GuiMarkdownHandle
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
