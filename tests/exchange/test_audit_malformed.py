@@ -75,4 +75,4 @@ def test_a_missing_lower_limit_of_a_urdf_is_zero(tmp_path):
         '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
         '<child link="b"/><axis xyz="0 0 1"/><limit upper="1" effort="1" velocity="1"/></joint></robot>'
     )
-    assert Urdf(path, Ledger("r.urdf")).above["b"].limits == (0.0, 1.0)
+    assert Urdf(path, Ledger("r.urdf")).tree.joint_above["b"].limits == (0.0, 1.0)

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from os.path import commonprefix
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,16 +23,25 @@ from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
-CLOSED = 1e-6
+HOME_GAP_LIMIT = 1e-6
 """Maximum gap in m of a closed loop at home."""
 
-PLAYED = 1e-5
+TRACK_GAP_LIMIT = 1e-5
 """Maximum gap in m of a closed loop with the joint values of a track, which are rounded."""
 
-_TILTED = 100.0
+_WELD_ANGLE_PER_GAP = 100.0
 """Maximum angle of a closed weld in rad, for each m of the maximum gap."""
 
-_KINDS = {"6d": "fixed", "3d": "spherical"}
+_KIND_OF_CLOSURE = {"6d": "fixed", "3d": "spherical"}
+"""{type of a closure in the YAML: kind of the joint that closes the loop}."""
+
+
+class ClosurePair(NamedTuple):
+    """Two links that coincide if a loop is closed: wholly (`kind` "fixed"), or only in their origins ("spherical")."""
+
+    first: str
+    second: str
+    kind: str
 
 
 @dataclass(frozen=True)
@@ -40,13 +49,13 @@ class FileClosures:
     """Content of a closure YAML.
 
     Attributes:
-        pairs: (link, link, "fixed" or "spherical") for each loop.
+        pairs: the links that coincide, for each loop.
         driven: names of the driven joints, in the order of the file.
         home: {joint: value in m or rad} at which the loops are closed.
         couplings: {name: ({joint: ratio}, sum)}, as in `Physics`; None if the file states none.
     """
 
-    pairs: tuple[tuple[str, str, str], ...] = ()
+    pairs: tuple[ClosurePair, ...] = ()
     driven: tuple[str, ...] = ()
     home: Mapping[str, float] = field(default_factory=dict)
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
@@ -54,9 +63,10 @@ class FileClosures:
     def joints(self) -> list[FileJoint]:
         """Return the loop closures as joints between their two links."""
         joints = []
-        for first, second, kind in self.pairs:
-            name = _closure_name(first, second)
-            joints.append(FileJoint((name,), first, second, np.eye(4), motion_lines(kind, np.eye(4))))
+        for pair in self.pairs:
+            name = _closure_name(pair.first, pair.second)
+            motions = motion_lines(pair.kind, np.eye(4))
+            joints.append(FileJoint((name,), pair.first, pair.second, np.eye(4), motions))
         return joints
 
 
@@ -89,13 +99,13 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
         return None
     checked_pairs = []
     for pair, kind in zip(pairs, types, strict=True):
-        if not _are_links(pair, links) or kind not in _KINDS:
+        if not _are_links(pair, links) or kind not in _KIND_OF_CLOSURE:
             text = (
                 f"{path.name}: {str(pair)[:80]} of type {str(kind)[:20]} is not a pair of links with the type 6d or 3d."
             )
             ledger.wrong("urdf.closures", text, str(pair)[:80])
             continue
-        checked_pairs.append((pair[0], pair[1], _KINDS[kind]))
+        checked_pairs.append(ClosurePair(pair[0], pair[1], _KIND_OF_CLOSURE[kind]))
     for name in (*driven, *home):
         if name not in joints:
             text = f"{path.name}: joint '{str(name)[:40]}' is not in the URDF."
@@ -121,11 +131,14 @@ def _are_links(pair: object, links: Collection[str]) -> bool:
 
 
 def _couplings(
-    path: Path, entries: Any, joints: Collection[str], ledger: Ledger
+    path: Path, stated: object, joints: Collection[str], ledger: Ledger
 ) -> dict[str, tuple[dict[str, float], float]]:
     """Return {name: ({joint: ratio}, sum)} of the value of `coupling`; faults are added to the ledger."""
-    if not isinstance(entries, dict):
-        entries = {"coupling": entries}  # reported below as an entry without joints
+    entries: JsonObject = {
+        "coupling": stated
+    }  # another value than a table is reported below as an entry without joints
+    if isinstance(stated, dict):
+        entries = stated
     couplings = {}
     for name, entry in entries.items():
         try:
@@ -144,7 +157,7 @@ def _couplings(
     return couplings
 
 
-def check_gap(pair: tuple[str, str, str], T_a: Array, T_b: Array, where: str, limit: float, ledger: Ledger) -> None:
+def check_gap(pair: ClosurePair, T_a: Array, T_b: Array, where: str, limit: float, ledger: Ledger) -> None:
     """Report a loop whose two links, with poses (k, 4, 4), do not coincide within `limit` in m.
 
     For a weld, the angle between the links must also be small.
@@ -156,7 +169,7 @@ def check_gap(pair: tuple[str, str, str], T_a: Array, T_b: Array, where: str, li
     if kind == "fixed":
         angle = float(np.max(poses.angle(T_a[..., :3, :3], T_b[..., :3, :3])))
     ledger.row(f"{where}: gap of the loops", gap, "m", limit, where=name)
-    if not (gap <= limit and angle <= _TILTED * limit):
+    if not (gap <= limit and angle <= _WELD_ANGLE_PER_GAP * limit):
         text = (
             f"{where}: the loop that joins '{first}' and '{second}' is open by {quantity(gap, 'm')} and "
             f"{np.degrees(angle):.4g} deg."

@@ -1,4 +1,4 @@
-"""Check the elements of a URDF: required attributes, elements that may be there once, names, transmissions.
+"""Check the elements of a URDF: required attributes, elements that may be there once, names, materials and masses.
 
 Parsers such as urdfdom reject an element without a required attribute, or take the first of two; which parser does
 what differs, so that such a file is a different robot for each.
@@ -7,13 +7,14 @@ what differs, so that such a file is a different robot for each.
 from __future__ import annotations
 
 import difflib
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.urdf.audit.attributes import repeated
+from twin.exchange.formats.urdf.audit.transmissions import check_transmission_elements
 
-_ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+_REQUIRED_ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "link": ("name",),
     "joint": ("name", "type"),
     "parent": ("link",),
@@ -33,7 +34,7 @@ _ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
 }
 """Required attributes of elements."""
 
-_OPTIONAL: Mapping[str, tuple[str, ...]] = {
+_OPTIONAL_ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "link": ("type",),
     "origin": ("xyz", "rpy"),
     "mesh": ("scale",),
@@ -47,7 +48,7 @@ _OPTIONAL: Mapping[str, tuple[str, ...]] = {
 }
 """Further attributes of elements."""
 
-_CHILDREN: Mapping[str, tuple[str, ...]] = {
+_SINGLE_CHILDREN: Mapping[str, tuple[str, ...]] = {
     "link": ("inertial",),
     "inertial": ("origin", "mass", "inertia"),
     "visual": ("origin", "geometry", "material"),
@@ -59,7 +60,7 @@ _CHILDREN: Mapping[str, tuple[str, ...]] = {
 }
 """Elements that may be in an element once."""
 
-_NEEDED: Mapping[str, tuple[str, ...]] = {
+_REQUIRED_CHILDREN: Mapping[str, tuple[str, ...]] = {
     "inertial": ("mass", "inertia"),
     "visual": ("geometry",),
     "collision": ("geometry",),
@@ -67,36 +68,20 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
 }
 """Elements that must be in an element."""
 
-_MANY: Mapping[str, tuple[str, ...]] = {"link": ("visual", "collision")}
+_REPEATABLE_CHILDREN: Mapping[str, tuple[str, ...]] = {"link": ("visual", "collision")}
 """Elements that may be in an element several times."""
 
-_LIMITED = ("revolute", "prismatic")
+_LIMITED_JOINT_TYPES = ("revolute", "prismatic")
 """Types of joints that need a limit."""
 
-_TYPES = ("SimpleTransmission", "DifferentialTransmission", "FourBarLinkageTransmission")
-"""Transmissions of the package transmission_interface."""
-
-_INTERFACES = (
-    *("PositionJointInterface", "VelocityJointInterface", "EffortJointInterface", "PosVelJointInterface"),
-    *("PosVelAccJointInterface", "JointStateInterface", "ActuatorStateInterface", "JointCommandInterface"),
-    *("PositionActuatorInterface", "VelocityActuatorInterface", "EffortActuatorInterface"),
-)
-"""Interfaces of the package hardware_interface."""
-
-_COLORED = (".dae", ".glb", ".gltf")
+_COLORED_MESH_SUFFIXES = (".dae", ".glb", ".gltf")
 """Suffixes of mesh files that have colours of their own."""
 
-_NEAR = 0.75
+_MISSPELLING_SIMILARITY = 0.75
 """Similarity (0..1) from which an unknown name is a known one with a mistake in it."""
 
 _MOST_MASSLESS = 0.25
 """Share of the moving links without mass up to which they are mistakes; in other files, the author states no masses."""
-
-_FEWEST_TRANSMISSIONS = 3
-"""Transmissions from which the common form counts: two that differ say nothing about which of them is meant."""
-
-_COMMON_FORM = 0.7
-"""Share of the transmissions from which their form is the form of the file."""
 
 
 def check_elements(root: ET.Element, ledger: Ledger) -> None:
@@ -109,48 +94,48 @@ def check_elements(root: ET.Element, ledger: Ledger) -> None:
     for material in root.findall("material"):
         if material.find("color") is not None or material.find("texture") is not None:  # others only name a material
             defined.append(str(material.get("name")))
-    for name in _repeated(defined):
+    for name in repeated(defined):
         text = f"two materials are named '{name}': readers such as urdfdom reject the second one."
         ledger.wrong("urdf.duplicate_name", text, name, suggestion="define each material once")
     _check_materials(root, ledger)
     _check_masses(root, ledger)
     _check_repeated_shapes(root, ledger)
-    _check_transmissions(root, ledger)
+    check_transmission_elements(root, ledger)
 
 
 def _check_element(element: ET.Element, owner: str, ledger: Ledger) -> None:
     """Report what an element of the link, joint or material `owner` lacks or has twice, and what is in it."""
     tag = str(element.tag)
     place = f"<{tag}>" if tag in ("link", "joint") else f"<{tag}> of '{owner}'"
-    for key in _ATTRIBUTES.get(tag, ()):
+    for key in _REQUIRED_ATTRIBUTES.get(tag, ()):
         if key not in element.attrib:
             text = f"{place} has no attribute '{key}': readers such as urdfdom reject it."
             code = "urdf.limits" if tag == "limit" else "urdf.attribute"
             ledger.wrong(code, text, owner, suggestion=f"write {key}")
-    vocabulary = (*_ATTRIBUTES.get(tag, ()), *_OPTIONAL.get(tag, ()))
+    vocabulary = (*_REQUIRED_ATTRIBUTES.get(tag, ()), *_OPTIONAL_ATTRIBUTES.get(tag, ()))
     for key in element.attrib:
         attribute = _resembled(key, vocabulary)
         if attribute and attribute not in element.attrib:
             text = f"{place} has the attribute '{key}', which no reader knows; '{attribute}' is missing."
             ledger.add("urdf.attribute", "warning", text, owner, suggestion=f"write {attribute}")
-    for child in _CHILDREN.get(tag, ()):
+    for child in _SINGLE_CHILDREN.get(tag, ()):
         count = len(element.findall(child))
         if count > 1:
             text = f"{place} has {count} elements <{child}>, expected one: readers take the first, or the last."
             ledger.wrong("urdf.repeated", text, owner, suggestion="keep one of them")
-    for child in _NEEDED.get(tag, ()):
+    for child in _REQUIRED_CHILDREN.get(tag, ()):
         if element.find(child) is None:
             text = f"{place} has no <{child}>: readers such as urdfdom reject it."
             ledger.wrong("urdf.element", text, owner, suggestion=f"write <{child}>")
-    if tag == "joint" and element.get("type") in _LIMITED and element.find("limit") is None:
+    if tag == "joint" and element.get("type") in _LIMITED_JOINT_TYPES and element.find("limit") is None:
         text = f"joint '{owner}' is {element.get('type')}, but has no <limit>: readers such as urdfdom reject it."
         ledger.wrong("urdf.limits", text, owner, suggestion="write its limits")
-    if tag == "geometry" and not {child.tag for child in element} & {*_CHILDREN[tag]}:
+    if tag == "geometry" and not {child.tag for child in element} & {*_SINGLE_CHILDREN[tag]}:
         text = f"<geometry> of '{owner}' has no shape: readers such as urdfdom reject it."
         ledger.wrong("urdf.element", text, owner, suggestion="write a shape")
-    _check_tags(element, (*_CHILDREN.get(tag, ()), *_MANY.get(tag, ())), owner, ledger)
+    _check_tags(element, (*_SINGLE_CHILDREN.get(tag, ()), *_REPEATABLE_CHILDREN.get(tag, ())), owner, ledger)
     for child in element:
-        if child.tag in _CHILDREN or child.tag in _ATTRIBUTES or child.tag in _OPTIONAL:
+        if child.tag in _SINGLE_CHILDREN or child.tag in _REQUIRED_ATTRIBUTES or child.tag in _OPTIONAL_ATTRIBUTES:
             _check_element(child, owner, ledger)
 
 
@@ -168,13 +153,8 @@ def _resembled(word: str, vocabulary: tuple[str, ...]) -> str:
     """Return the word of `vocabulary` that an unknown word resembles; "" without one."""
     if word in vocabulary or not vocabulary:
         return ""
-    matches = difflib.get_close_matches(word, vocabulary, 1, _NEAR)
+    matches = difflib.get_close_matches(word, vocabulary, 1, _MISSPELLING_SIMILARITY)
     return matches[0] if matches else ""
-
-
-def _repeated(names: Iterable[str]) -> list[str]:
-    """Return the names that are there more than once, each once."""
-    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def _check_materials(root: ET.Element, ledger: Ledger) -> None:
@@ -184,7 +164,7 @@ def _check_materials(root: ET.Element, ledger: Ledger) -> None:
     for link in root.findall("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if mesh is not None and str(mesh.get("filename")).lower().endswith(_COLORED):
+            if mesh is not None and str(mesh.get("filename")).lower().endswith(_COLORED_MESH_SUFFIXES):
                 continue
             count += 1
             if visual.find("material") is None:
@@ -231,114 +211,8 @@ def _check_repeated_shapes(root: ET.Element, ledger: Ledger) -> None:
             for element in link.findall(tag):
                 # As text, so that shapes with the same content are equal; behind an element is the space of its line.
                 shapes.append(ET.tostring(element, encoding="unicode").strip())
-            for shape in _repeated(shapes):
+            for shape in repeated(shapes):
                 name = str(ET.fromstring(shape).get("name") or tag)
                 owner = str(link.get("name"))
                 text = f"link '{owner}' has the {tag} shape '{name}' {shapes.count(shape)} times."
                 ledger.add("urdf.repeated", "warning", text, owner, suggestion="keep one of them")
-
-
-def _check_transmissions(root: ET.Element, ledger: Ledger) -> None:
-    """Report transmissions that ros_control rejects, or that are built in another way than most of a file."""
-    transmissions = root.findall("transmission")
-    labels = [str(transmission.get("name")) for transmission in transmissions]
-    for name in _repeated(labels):
-        text = f"two transmissions are named '{name}'."
-        ledger.wrong("urdf.duplicate_name", text, name, suggestion="give each transmission its own name")
-    simple: list[ET.Element] = []
-    for transmission in transmissions:
-        name = _transmission_name(transmission)
-        if not transmission.get("name"):
-            text = f"the transmission of {name} has no name: ros_control rejects it."
-            ledger.wrong("urdf.transmission", text, name, suggestion="name the transmission")
-        for fault in _faults(transmission):
-            text = f"transmission '{name}' {fault}: ros_control rejects it."
-            ledger.wrong("urdf.transmission", text, name, suggestion="write it as the others are")
-        if len(transmission.findall("joint")) == len(transmission.findall("actuator")) == 1:
-            simple.append(transmission)
-    _check_forms(simple, ledger)
-
-
-def _check_forms(transmissions: list[ET.Element], ledger: Ledger) -> None:
-    """Report transmissions of one joint and one actuator that are built in another way than most."""
-    if len(transmissions) < _FEWEST_TRANSMISSIONS:
-        return
-    forms = [_form(transmission) for transmission in transmissions]
-    common, count = Counter(forms).most_common(1)[0]
-    if count < _COMMON_FORM * len(forms):
-        return
-    for transmission, form in zip(transmissions, forms, strict=True):
-        if form != common:
-            differing = ", ".join(sorted({*form} ^ {*common}))
-            name = _transmission_name(transmission)
-            text = f"transmission '{name}' is built in another way than {count} others: {differing}."
-            ledger.add("urdf.transmission", "warning", text, name, suggestion="write it as the others are")
-
-
-def _transmission_name(transmission: ET.Element) -> str:
-    """Return the name of a transmission; without one, the names of its joints."""
-    name = transmission.get("name")
-    if name:
-        return str(name)
-    return ", ".join(str(joint.get("name")) for joint in transmission.findall("joint"))
-
-
-def _faults(transmission: ET.Element) -> Iterator[str]:
-    """Yield what is wrong in a transmission, for a sentence that begins with its name."""
-    types = transmission.findall("type")
-    kind = "" if not types else (types[0].text or "").strip()
-    if len(types) > 1:
-        yield f"has {len(types)} types"
-    package, _, plain = kind.rpartition("/")
-    if not kind and transmission.get("type") is None:
-        yield "has no type"
-    elif package in ("", "transmission_interface") and kind and plain not in _TYPES:
-        yield f"has the type '{kind}', which does not exist"
-    for tag in ("joint", "actuator"):
-        parts = transmission.findall(tag)
-        names = [str(part.get("name") or "") for part in parts]
-        if not all(names):
-            article = "an" if tag == "actuator" else "a"
-            yield f"has {article} {tag} without a name"
-        for name in _repeated(names):
-            yield f"has the {tag} '{name}' {names.count(name)} times"
-        if not parts and (tag == "joint" or plain == "SimpleTransmission"):
-            yield f"has no {tag}"
-        of_actuators = transmission.findall("actuator/hardwareInterface")
-        for part in parts:
-            yield from _faults_of_part(part)
-            # Since ROS Indigo, the interface is that of the joint; earlier files have neither.
-            if tag == "joint" and part.find("hardwareInterface") is None and of_actuators:
-                yield f"has no hardwareInterface of joint '{part.get('name')}', but one of its actuator"
-
-
-def _faults_of_part(part: ET.Element) -> Iterator[str]:
-    """Yield what is wrong in a joint or actuator of a transmission."""
-    interfaces: list[str] = []
-    for element in part.findall("hardwareInterface"):
-        interfaces.append((element.text or "").strip())
-    for interface in interfaces:
-        package, _, plain = interface.rpartition("/")
-        if not plain:
-            yield f"has an empty hardwareInterface of {part.tag} '{part.get('name')}'"
-        elif package in ("", "hardware_interface") and plain not in _INTERFACES:
-            yield f"has the hardwareInterface '{interface}', which does not exist"
-    for interface in _repeated(interfaces):
-        yield f"has the hardwareInterface '{interface}' twice"
-    reductions = part.findall("mechanicalReduction")
-    if len(reductions) > 1:
-        yield f"has {len(reductions)} elements mechanicalReduction of {part.tag} '{part.get('name')}'"
-    for reduction in reductions:
-        if not (reduction.text or "").strip():
-            yield f"has an empty mechanicalReduction of {part.tag} '{part.get('name')}'"
-
-
-def _form(transmission: ET.Element) -> tuple[str, ...]:
-    """Return how a transmission is built: its elements with their words, without names and numbers."""
-    parts = []
-    for element in transmission.iter():
-        word = ""
-        if element.tag in ("type", "hardwareInterface"):
-            word = f" {(element.text or '').strip()}"
-        parts.append(f"<{element.tag}>{word}")
-    return tuple(parts)
