@@ -1,3 +1,5 @@
+import math
+
 """The machinery that reads TOML written by people."""
 
 import tomllib
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
 from twin.core.errors import DescriptionError
-from twin.schema import Identifier, Range, Table, Vector, at, error_at, key_lines, load_toml, parse_toml
+from twin.schema import Identifier, LimitRange, Range, Table, Vector, at, error_at, key_lines, load_toml, parse_toml
 
 
 class Slide(Table):
@@ -32,6 +34,7 @@ class Robot(Table):
     teeth: int = 3
     fixed: bool = False
     travel_mm: Range = (0.0, 1.0)
+    limits_mm: LimitRange | None = None
     ratio: float | list[float] = 1.0
     joints: dict[Identifier, Annotated[Slide | Hinge, Field(discriminator="type")]] = {}  # noqa: RUF012
     points: list[Vector] = []  # noqa: RUF012
@@ -55,6 +58,11 @@ def test_a_right_file_is_read():
     assert robot.mass_kg == 2.0
     assert isinstance(robot.joints["q1"], Slide)
     assert robot.travel_mm == (0.0, 1.0)
+
+
+def test_one_of_two_limits_may_be_infinite():
+    assert parse_toml('name = "a"\nlimits_mm = [-inf, 3]', Robot).limits_mm == (-math.inf, 3.0)
+    assert parse_toml('name = "a"\nlimits_mm = [-2, inf]', Robot).limits_mm == (-2.0, math.inf)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +101,10 @@ def test_a_right_file_is_read():
             'r.toml:2: ratio = "x": a number is expected, not text; allowed: a number or',
         ),
         ('name = "a"\ntravel_mm = [3, 1]', "r.toml:2: travel_mm = [3, 1]: limits are swapped: write [1, 3]"),
+        ('name = "a"\ntravel_mm = [3, inf]', "r.toml:2: travel_mm[1] = Infinity: must be a finite number"),
+        ('name = "a"\nlimits_mm = [inf, 1]', "r.toml:2: limits_mm = [Infinity, 1]: limits are swapped: write [1, inf]"),
+        ('name = "a"\nlimits_mm = [1, nan]', "r.toml:2: limits_mm = [1, NaN]: a limit is not a number: write inf"),
+        ('name = "a"\nlimits_mm = [-inf, inf]', "r.toml:2: limits_mm = [-Infinity, Infinity]: neither"),
         ('name = "a"\nname = "b"', "r.toml:2: not valid TOML: Cannot overwrite a value, in: name ="),
         ('name = "a\nb = 2', "r.toml:1: not valid TOML: "),
         ("name = 1979-05-27", "r.toml:1: name: dates are not supported; put text in quotes"),

@@ -7,6 +7,7 @@ Every number that is not measured has a provenance and a reason. "Drawn" coordin
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from twin.core.foreign.budget import read_bytes
 from twin.core.foreign.once import Read
 from twin.model.joint import JointType
-from twin.schema import Identifier, Range, Sourced, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, LimitRange, Range, Sourced, Table, Vector, at, error_at, load_toml
 
 
 class Feature(Table):
@@ -151,13 +152,13 @@ class LimitSpec(Sourced):
     """Limits shared by the named joints, in mm, mm/s, mm/s2, mm/s3 (prismatic) or deg, deg/s, deg/s2, deg/s3.
 
     `limits = "none"` states that the joints turn or slide without end, so that there are no soft limits either; an
-    entry without limits says nothing about them.
+    entry without limits says nothing about them. Joints with a limit on one side have -inf or inf on the other.
     """
 
     joints: list[Identifier]
     limits: Literal["none"] | None = None
-    limits_mm: Range | None = None
-    limits_deg: Range | None = None
+    limits_mm: LimitRange | None = None
+    limits_deg: LimitRange | None = None
     soft_limits_mm: Range | None = None
     soft_limits_deg: Range | None = None
     cone_deg: float | None = Field(default=None, gt=0, le=180)
@@ -189,8 +190,12 @@ class LimitSpec(Sourced):
             ("mm", self.limits_mm, self.soft_limits_mm),
             ("deg", self.limits_deg, self.soft_limits_deg),
         ):
+            if not hard or not soft:
+                continue
+            excess = max(hard[0] - soft[0], soft[1] - hard[1])
+            largest = max(abs(limit) for limit in hard if math.isfinite(limit))
             # Limits that were stored in single precision (in a USD stage) may differ in the last digits.
-            if hard and soft and max(hard[0] - soft[0], soft[1] - hard[1]) > 1e-6 * max(map(abs, hard)):
+            if excess > 1e-6 * largest:
                 raise at(
                     f"soft_limits_{unit}",
                     f"soft limits {soft[0]:g} .. {soft[1]:g} {unit} exceed the hard limits {hard[0]:g} .. {hard[1]:g} "

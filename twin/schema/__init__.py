@@ -5,6 +5,7 @@ from twin.schema.lines import Keys as Keys
 from twin.schema.lines import key_lines as key_lines
 from twin.schema.mistakes import first_mistake as first_mistake
 from twin.schema.tables import Identifier as Identifier
+from twin.schema.tables import LimitRange as LimitRange
 from twin.schema.tables import NotNegative as NotNegative
 from twin.schema.tables import Origin as Origin
 from twin.schema.tables import Positive as Positive

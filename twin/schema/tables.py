@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -104,6 +105,16 @@ def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
     return limits
 
 
+def _one_finite(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return limits (lower, upper); raise an error of pydantic if neither is a finite number, or one is NaN."""
+    first, second = limits
+    if not math.isfinite(first) and not math.isfinite(second):
+        raise PydanticCustomError("unlimited", 'neither limit is a number: write limits = "none"')
+    if math.isnan(first) or math.isnan(second):
+        raise PydanticCustomError("nan", "a limit is not a number: write inf or -inf for a side without a limit")
+    return limits
+
+
 Identifier = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")]
 """A name that is valid in Python, USD, glTF and Unity."""
 
@@ -115,6 +126,11 @@ Vector = tuple[float, float, float]
 
 Range = Annotated[tuple[float, float], AfterValidator(_in_order)]
 """Type of two finite numbers, the lower first."""
+
+_Limit = Annotated[float, Field(allow_inf_nan=True)]
+
+LimitRange = Annotated[tuple[_Limit, _Limit], AfterValidator(_one_finite), AfterValidator(_in_order)]
+"""Type of two limits, the lower first; one of them may be infinite: -inf or inf in TOML."""
 
 
 def at(key: Key | Keys, message: str) -> PydanticCustomError:

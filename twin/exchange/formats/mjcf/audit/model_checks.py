@@ -93,17 +93,19 @@ def check_limits(
     """
     for number in range(model.njnt):
         joint = model.joint(number).name
-        if joint not in low or abs(low[joint]) > _UNLIMITED:
+        if joint not in low:
             continue
         lower = -np.inf
         upper = np.inf
         if model.jnt_limited[number]:
             lower, upper = model.jnt_range[number].tolist()
-        difference = float(np.max(np.abs([lower - low[joint], upper - high[joint]])))
+        differences = [0.0]
         scale = 1.0
-        for limit in (low[joint], high[joint]):
-            if abs(limit) < _UNLIMITED:
-                scale = max(scale, abs(limit))
+        for limit, track_limit in ((lower, low[joint]), (upper, high[joint])):
+            if abs(track_limit) < _UNLIMITED:  # on a side without a limit, there is nothing to compare
+                differences.append(abs(limit - track_limit))
+                scale = max(scale, abs(track_limit))
+        difference = float(np.max(differences))
         if not difference <= ROUNDING_TOL * scale:
             text = (
                 f"joint '{joint}' has range {lower:g} .. {upper:g}; in {track} it is {low[joint]:g} .. {high[joint]:g}."
@@ -156,8 +158,15 @@ def _check_servo(model: mujoco.MjModel, actuator: int, from_home: bool, ledger: 
 
 def _check_range_from_home(name: str, stated: tuple[float, float], expected: Array, kind: str, ledger: Ledger) -> None:
     """Report a control range `stated` that is not the range `expected` (2,) of what is moved, counted from home."""
-    difference = float(np.abs(np.subtract(stated, expected)).max())
-    if difference <= ROUNDING_TOL * max(1.0, float(np.abs(expected).max())):
+    differences = [0.0]
+    largest = 1.0
+    for bound, expected_bound in zip(stated, expected.tolist(), strict=True):
+        if bound != expected_bound:  # of two equal infinite bounds, the difference would be NaN
+            differences.append(abs(bound - expected_bound))
+        if np.isfinite(expected_bound):
+            largest = max(largest, abs(expected_bound))
+    difference = float(np.max(differences))
+    if difference <= ROUNDING_TOL * largest:
         return
     low, high = expected
     text = (

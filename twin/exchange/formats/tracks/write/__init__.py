@@ -140,9 +140,9 @@ def _coordinates(mechanism: Mechanism, clip: Clip, cad_mechanism: Mechanism) -> 
         names.append(joint.name)
         kinds.append(joint.type)
         active.append(int(joint.active))
-        low, high = joint.limits or (-NO_LIMIT, NO_LIMIT)
-        lower.append(low)
-        upper.append(high)
+        low, high = joint.limits or (-np.inf, np.inf)
+        lower.append(max(low, -NO_LIMIT))
+        upper.append(min(high, NO_LIMIT))
         positions.append(clip.joints[joint.name])
     for coordinate in coordinates:
         names.append(coordinate.name)

@@ -20,8 +20,9 @@ from twin.exchange.formats.urdf.audit.attributes import attribute, number, numbe
 MOTION_KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
 """{type of a joint of URDF: kind of its motion}; a planar joint is not supported."""
 
-UNLIMITED_SLIDE = 1000.0
-"""Limit in m from which a slide counts as unlimited. URDF requires a limit, even for a slide without limits."""
+NO_LIMIT = 1000.0
+"""Limit in m or rad that counts as none, because URDF requires both limits: of a slide always, of a hinge if its other
+limit is nearer. A hinge without limits would be continuous."""
 
 UNKNOWN_BOUND = 1e6
 """Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown. URDF requires a number for both."""
@@ -84,9 +85,13 @@ class UrdfJoint:
 
     def _drive(self, is_driven: bool | None) -> FileDrive:
         """Return limits and drive of a joint with one coordinate; `is_driven` is None if the file does not state it."""
-        limits = self.limits or (-np.inf, np.inf)
-        if self.step.kind == "slide" and max(map(abs, limits)) >= UNLIMITED_SLIDE:
-            limits = (-np.inf, np.inf)
+        low, high = self.limits or (-np.inf, np.inf)
+        has_low = low > -NO_LIMIT
+        has_high = high < NO_LIMIT
+        if self.step.kind == "slide" or has_low != has_high:
+            low = low if has_low else -np.inf
+            high = high if has_high else np.inf
+        limits = (low, high)
         return FileDrive(
             limits=limits,
             driven=is_driven,

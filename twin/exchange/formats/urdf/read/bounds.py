@@ -12,7 +12,8 @@ _UNSTATED = 1e6
 """Effort (N, N m) or speed (rad/s, m/s) from which a value counts as not stated. URDF requires numbers for both."""
 
 _UNLIMITED = 1e3
-"""Limits of a slide in m that count as none, if both are as far away as this. URDF requires limits of a slide."""
+"""Limit in m or rad that counts as none, because URDF requires both limits: of a slide always, of a hinge if its other
+limit is nearer. A hinge without limits would be continuous."""
 
 
 class JointBounds(NamedTuple):
@@ -66,6 +67,7 @@ def _value(xml: Xml, where: str, element: Element, key: str) -> float | None:
 def _hard_limits(
     xml: Xml, name: str, kind: str, limit: Element | None, findings: Findings
 ) -> tuple[float, float] | None:
+    """Return (lower, upper) in m or rad, one of them infinite if it is not limited; None for a joint without limits."""
     where = f"joint '{name}'"
     if kind == "continuous":
         if limit is not None and (limit.get("lower") is not None or limit.get("upper") is not None):
@@ -82,9 +84,11 @@ def _hard_limits(
     # In URDF a missing limit means zero.
     low = low or 0.0
     high = high or 0.0
-    if kind == "prismatic" and min(-low, high) >= _UNLIMITED:
-        return None
-    return limits(xml.path, low, high, name, findings)
+    has_low = low > -_UNLIMITED
+    has_high = high < _UNLIMITED
+    if has_low == has_high and kind != "prismatic":  # of a hinge, both are meant
+        return limits(xml.path, low, high, name, findings)
+    return limits(xml.path, low if has_low else None, high if has_high else None, name, findings)
 
 
 def _clipped(

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 from twin.core.findings import Finding, Kind, info, warning
+from twin.exchange.formats.urdf.write.joints import NO_LIMIT
 from twin.exchange.write.assumed_masses import partly_shown, unweighed
 from twin.exchange.write.left_out import left_out, motors_left_out
 from twin.model.joint import Joint
@@ -51,6 +55,7 @@ def urdf_findings(mechanism: Mechanism, name: str = "") -> list[Finding]:
         )
         findings.append(warning("export.urdf_coupling", coupling.name, text))
     findings += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
+    findings += _limits_on_one_side(mechanism, file)
     if mechanism.gravity != EARTH:
         vector = ", ".join(map("{:g}".format, mechanism.gravity))
         text = f"{file}: the format cannot hold gravity, which is ({vector}) m/s2; set it in the simulator"
@@ -59,6 +64,19 @@ def urdf_findings(mechanism: Mechanism, name: str = "") -> list[Finding]:
         names = ", ".join(part.name for part in (*mechanism.frames, *mechanism.points))
         findings.append(info("export.left_out", names, f"{file}: URDF cannot hold the frames and points {names}"))
     return findings
+
+
+def _limits_on_one_side(mechanism: Mechanism, file: str) -> Iterator[Finding]:
+    """Yield a finding for each joint with only a lower or only an upper limit."""
+    for joint in mechanism.joints:
+        low, high = joint.limits or (-math.inf, math.inf)
+        if math.isfinite(low) == math.isfinite(high):
+            continue
+        side = "an upper" if math.isfinite(low) else "a lower"
+        unit = "rad" if joint.is_angle else "m"
+        text = f"{file}: URDF requires both limits: joint {joint.name} has none on one side, and gets {side} limit of "
+        number = NO_LIMIT if math.isfinite(low) else -NO_LIMIT
+        yield info("export.left_out", joint.name, f"{text}{number:g} {unit}")
 
 
 def mimics(mechanism: Mechanism) -> dict[str, Following]:

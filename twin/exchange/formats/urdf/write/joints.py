@@ -17,11 +17,11 @@ from twin.model.joint import Joint
 AUXILIARY_INERTIA = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))
 """Inertia of an auxiliary link: negligible, but large enough for simulators."""
 
-UNKNOWN = {"effort": "1e6", "velocity": "1e6"}
+UNKNOWN_BOUNDS = {"effort": "1e6", "velocity": "1e6"}
 """Values that mean "unknown" for numbers that URDF requires."""
 
-UNLIMITED_SLIDE = 1e3
-"""Limit in m of a slide without limits, because URDF requires a limit."""
+NO_LIMIT = 1e3
+"""Number in m or rad for a side without a limit: URDF requires both limits, and its parsers refuse infinity."""
 
 _ON_AXIS = 1e-12
 """Maximum distance in m between a body's origin and its pin axis at which the origin counts as a point on the axis."""
@@ -99,9 +99,13 @@ def _add_urdf_joint(
     if kind in ("fixed", "floating"):
         return
     ET.SubElement(element, "axis", xyz=numbers(axis))
-    limit = dict(UNKNOWN)
+    limit = dict(UNKNOWN_BOUNDS)
     if not is_continuous:
-        low, high = joint.limits or (-UNLIMITED_SLIDE, UNLIMITED_SLIDE)
+        low, high = joint.limits or (-np.inf, np.inf)
+        if not np.isfinite(low):
+            low = -NO_LIMIT
+        if not np.isfinite(high):
+            high = NO_LIMIT
         limit |= {"lower": numbers([low]), "upper": numbers([high])}
     if joint.drive is not None and joint.drive.max_effort is not None:
         limit["effort"] = gains([joint.drive.max_effort])
