@@ -149,6 +149,17 @@ def test_malicious_names_are_text(agree):
     assert NASTY in "".join(page.text)
 
 
+def test_a_variant_that_is_compared_has_its_reason_in_its_row(agree):
+    reasons = {"eq1, printed": "as printed.", "eq1, corrected": "one factor is another."}
+    text = render_html(replace(agree, variants={"eq1": "printed"}, reasons=reasons))
+    table = text.partition('id="variants"')[2].partition("</table>")[0]
+    compared, other = re.findall(r"<tr>(<th.*?)</tr>", table)[-2:]
+    assert "compared here" in compared
+    assert "as printed." in compared
+    assert "corrected" in other
+    assert "one factor is another." in other
+
+
 # ----------------------------------------------------------------------------------- verdict
 
 
