@@ -15,7 +15,7 @@ POSES = 6
 
 def steps(J, r, swivel=False):
     unknowns = np.ones((len(J), J.shape[3]), bool)
-    return batched_solutions._steps(J, r, unknowns, np.ones(J.shape[:2], bool), swivel)
+    return batched_solutions._gauss_newton_steps(J, r, unknowns, np.ones(J.shape[:2], bool), swivel)
 
 
 def test_a_swivel_without_effect_leaves_an_expression_unique():
@@ -56,7 +56,7 @@ def test_an_expression_without_a_derivative_is_not_unique():
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_first_values_do_not_depend_on_a_choice_without_a_value(count):
-    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
+    newton = batched_solutions._BatchedGaussNewton.__new__(batched_solutions._BatchedGaussNewton)
     newton.expressions = 1
 
     def residuals(values):
@@ -72,7 +72,7 @@ def test_first_values_do_not_depend_on_a_choice_without_a_value(count):
 
 
 def test_a_choice_without_a_value_starts_where_it_has_one():
-    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
+    newton = batched_solutions._BatchedGaussNewton.__new__(batched_solutions._BatchedGaussNewton)
     newton.expressions = 1
 
     def residuals(values):
@@ -88,7 +88,7 @@ def test_a_choice_without_a_value_starts_where_it_has_one():
 @pytest.mark.parametrize("fails_at", [2, 3])
 def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
     """The shift of choice 0 has no effect, and choice 1 is wrong; rows cannot be evaluated after a step of choice 1."""
-    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
+    newton = batched_solutions._BatchedGaussNewton.__new__(batched_solutions._BatchedGaussNewton)
     newton.expressions = 1
     newton.has_swivel = False
     newton.choices = [SimpleNamespace(scalars=(0,)), SimpleNamespace(scalars=(0,))]

@@ -16,9 +16,15 @@ from twin import api
 from twin.core import spatial
 from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
-from twin.validation.explain.conventions import ORDERS, _offset, _scalar_outputs, conventions, dh_form
+from twin.validation.explain.conventions import (
+    AXIS_SEQUENCES,
+    _offset_and_residual,
+    _scalar_outputs,
+    conventions,
+    dh_form,
+)
 from twin.validation.explain.judged_states import sampled_values
-from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
+from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, is_of_formula
 from twin.validation.explain.row_deviations import Judge
 
 
@@ -40,7 +46,7 @@ def turn(axis, a):
 
 
 @settings(deadline=None, max_examples=40)
-@given(st.sampled_from(ORDERS), st.floats(-3, 3), st.floats(0.1, 1.4), st.floats(-3, 3))
+@given(st.sampled_from(AXIS_SEQUENCES), st.floats(-3, 3), st.floats(0.1, 1.4), st.floats(-3, 3))
 def test_angles_of_every_sequence(order, a, b, c):
     R = turn(order[0], a) @ turn(order[1], b) @ turn(order[2], c)
     got = spatial.euler_angles(R[None], order)[0]
@@ -130,13 +136,13 @@ def test_an_output_in_degrees(sils):
 
 def test_an_offset_is_in_the_unit_of_the_mechanism():
     true = np.linspace(0.1, 0.4, 5)
-    offset, after = _offset(1e3 * true + 5.0, true, 1e3, is_angle=False, tolerance=1e-9)
+    offset, after = _offset_and_residual(1e3 * true + 5.0, true, 1e3, is_angle=False, tolerance=1e-9)
     assert offset == pytest.approx(5e-3)
     assert after <= 1
     # full turns, in the formula's unit, are lost before the comparison
     degrees = np.degrees(np.linspace(-2.0, 2.0, 7))
     recovered = degrees - 2 * np.pi * np.array([3, -1, 0, 2, 5, -4, 1])
-    offset, after = _offset(recovered, np.radians(degrees), 180 / np.pi, is_angle=True, tolerance=1e-9)
+    offset, after = _offset_and_residual(recovered, np.radians(degrees), 180 / np.pi, is_angle=True, tolerance=1e-9)
     assert abs(offset) < 1e-12
     assert after <= 1
 
@@ -184,9 +190,9 @@ def test_helpers_are_found_whatever_the_folder_of_a_robot_is_called(folder, tmp_
     path.write_text("def half(x):\n    return x / 2\n")
     space = {}
     exec(compile(path.read_text(), path, "exec"), space)
-    assert of_formula(space["half"])
-    assert of_formula(_authoring.row)
-    assert not of_formula(symbolic.pose)
+    assert is_of_formula(space["half"])
+    assert is_of_formula(_authoring.row)
+    assert not is_of_formula(symbolic.pose)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import ast
 import numpy as np
 import pytest
 
-from twin.validation.explain.edited_functions import _same, _sorted
+from twin.validation.explain.edited_functions import _are_equivalent, _canonical_node
 
 ROW = ("equation", 0, 0)
 OTHER_ROW = ("equation", 1, 0)
@@ -16,21 +16,21 @@ NO_RESIDUAL = np.zeros((3, 1))
 
 
 def canonical_text(expression):
-    return _sorted(ast.parse(expression).body[0])
+    return _canonical_node(ast.parse(expression).body[0])
 
 
 def test_rows_that_differ_by_a_factor_are_the_same():
-    assert _same({ROW: RESIDUAL}, {ROW: -3 * RESIDUAL})
-    assert not _same({ROW: RESIDUAL}, {ROW: RESIDUAL + 1})
+    assert _are_equivalent({ROW: RESIDUAL}, {ROW: -3 * RESIDUAL})
+    assert not _are_equivalent({ROW: RESIDUAL}, {ROW: RESIDUAL + 1})
 
 
 def test_a_row_that_is_zero_is_only_the_same_as_another_zero_row():
     zero = {ROW: RESIDUAL, OTHER_ROW: NO_RESIDUAL}
     not_zero = {ROW: RESIDUAL, OTHER_ROW: RESIDUAL}
-    assert _same(zero, zero)
-    assert _same(zero, {ROW: RESIDUAL, OTHER_ROW: NO_RESIDUAL + 1e-7})  # rounding
-    assert not _same(zero, not_zero)
-    assert not _same(not_zero, zero)
+    assert _are_equivalent(zero, zero)
+    assert _are_equivalent(zero, {ROW: RESIDUAL, OTHER_ROW: NO_RESIDUAL + 1e-7})  # rounding
+    assert not _are_equivalent(zero, not_zero)
+    assert not _are_equivalent(not_zero, zero)
 
 
 @pytest.mark.parametrize(

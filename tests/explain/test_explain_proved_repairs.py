@@ -16,7 +16,7 @@ from twin.robots import load_formula
 from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.formula_state import edited_formula, source_path
 from twin.validation.explain.function_source import Edit
-from twin.validation.explain.proved_repairs import proved
+from twin.validation.explain.proved_repairs import with_proofs
 
 RIGHT = "a**2 - b**2) / (2 * a * b)"
 WRONG = "a**2 - b**2) / (2 * a * 1)"
@@ -50,7 +50,7 @@ def cure(formula, new):
 
 def judged(lapbot, formula, *news):
     found = GroupResult([], [cure(formula, new) for new in news], None, 0.0, 1.0, len(news))
-    (result,) = proved(formula, [found], ProverOfRepairs(lapbot, None))
+    (result,) = with_proofs(formula, [found], ProverOfRepairs(lapbot, None))
     return result
 
 
@@ -91,7 +91,7 @@ def test_an_edit_of_another_file_or_of_a_left_side_is_not_judged(lapbot, wrong):
 
 def test_without_a_prover_nothing_is_said(wrong):
     found = GroupResult([], [cure(wrong, "b")], None, 0.0, 1.0, 1)
-    (result,) = proved(wrong, [found], None)
+    (result,) = with_proofs(wrong, [found], None)
     assert (result.result, result.proofs) == (found, ())
 
 

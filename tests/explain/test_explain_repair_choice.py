@@ -101,7 +101,7 @@ def test_all_searches_for_pairs_have_one_deadline(search):
 
 
 def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
-    monkeypatch.setattr(trials, "aliases", lambda judge, step, change: {})
+    monkeypatch.setattr(trials, "alias_values", lambda judge, step, change: {})
     monkeypatch.setattr(
         trials, "trial_residuals", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
     )
@@ -132,7 +132,7 @@ def test_no_reading_that_holds_by_chance_is_chosen(search):
 
 def test_what_is_chosen_agrees_with_whether_there_is_a_repair(search):
     """The only general reading is the last of many."""
-    many = range(repair_choice._MOST_CHECKED + 2)
+    many = range(repair_choice._MOST_CHECKED_READINGS + 2)
     for start in many:
         search.states[start,] = BY_CHANCE
     search.states[many[-1],] = FormulaState(0, "")

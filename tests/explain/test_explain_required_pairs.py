@@ -184,6 +184,6 @@ def test_no_part_of_the_choices_is_solved_after_the_time(search):
     search.coarse = SimpleNamespace(solved=solve)
     search.full = SimpleNamespace(solved=lambda *_: [])
     search._binding = lambda scalars, rows: ()
-    choices = [(n,) for n in range(3 * required_pairs._AT_ONCE)]
+    choices = [(n,) for n in range(3 * required_pairs._CHOICES_AT_ONCE)]
     assert list(search._solutions((), choices, [], Late(2))) == []
-    assert solved == [required_pairs._AT_ONCE] * 2
+    assert solved == [required_pairs._CHOICES_AT_ONCE] * 2

@@ -19,7 +19,7 @@ from twin.formula.lift import scope
 from twin.formula.symbol import Symbol
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.validation.explain.plain_values import SampledScalar, leave
+from twin.validation.explain.plain_values import SampledScalar, as_arrays
 
 ROOT = Path(__file__).parents[2]
 
@@ -105,7 +105,7 @@ def test_symbols_and_samples_give_what_numbers_give(row):
     f = ca.Function("f", [a, b], [eval(row, lifted, {"x": Symbol(a), "y": Symbol(b)}).x])
     np.testing.assert_allclose([float(f(x, y)) for x, y in zip(xs, ys, strict=True)], expected, rtol=1e-12)
     np.testing.assert_allclose(
-        leave(eval(row, lifted, {"x": SampledScalar(xs), "y": SampledScalar(ys)})), expected, rtol=1e-12
+        as_arrays(eval(row, lifted, {"x": SampledScalar(xs), "y": SampledScalar(ys)})), expected, rtol=1e-12
     )
 
 

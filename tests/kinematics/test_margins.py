@@ -136,7 +136,7 @@ def seeded(name, rng):
     from twin.core.errors import TwinError
     from twin.robots import load_formula
     from twin.validation.explain.function_source import Source, patched
-    from twin.validation.explain.name_pool import pool
+    from twin.validation.explain.name_pool import name_pool
     from twin.validation.explain.statement_edits import statement_edits
 
     formula, model, run = setting(name)
@@ -149,7 +149,7 @@ def seeded(name, rng):
         source = sources[rng.integers(len(sources))]
         statement = source.statements[rng.integers(len(source.statements))]
         kinds = KINDS[list(KINDS)[rng.integers(len(KINDS))]]
-        around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), scope)
+        around = name_pool(source, statement, set(source.arguments), parameters & set(source.arguments), scope)
         some = [e for e in statement_edits(source, statement, around, kinds) if e.define is None]
         if not some:
             continue

@@ -17,7 +17,7 @@ from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.reference.degeneracy import Degeneracy
 from twin.reference.margin_zeros import Boundary, Judged, disagreements
-from twin.validation.cause import side
+from twin.validation.cause import side_of
 
 A, B = 0.3, 0.2
 X, Y, Z = np.eye(3)
@@ -92,7 +92,7 @@ def test_an_arm_of_two_bars_is_at_the_end_of_its_reach_though_its_hand_can_turn(
 @pytest.mark.parametrize("kind", ["reach", "type1", "type2", "aspect"])
 def test_a_wrong_row_is_told_as_one_of_the_equations(kind):
     (found,) = disagreements([Judged("far", "far", "margins", kind, "disagrees", "it is wrong", size=1.0)])
-    assert side(found) == "equations"
+    assert side_of(found) == "equations"
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from twin.validation.case import Case
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.residual_rows import Tolerances
 from twin.validation.result import Residual
-from twin.validation.trocar_methods import HEADING, SEARCHES, three_methods
+from twin.validation.trocar_methods import HEADING, SEARCHES, compare_three_methods
 
 RANGE = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG
 LIMITS = np.stack([-RANGE, RANGE], axis=1)
@@ -261,7 +261,7 @@ def compared(robot, trajectory, formula=None, number=COUNT):
     kin = robot.kinematics() if formula is None else compile_formula(formula)
     case = Case(kin, robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
     out = EquationsComparison(coarse=np.arange(0, len(trajectory.t), 100))
-    three_methods(case, out, number)
+    compare_three_methods(case, out, number)
     return out
 
 
@@ -323,6 +323,6 @@ def test_the_methods_are_not_compared_after_another_disagreement(robot, trajecto
     case = Case(robot.kinematics(), robot.cad, robot.protocol("circle"), trajectory, Path("unused"), Tolerances())
     first = Residual("A-B", "driven", "q3", "rad", 0.1, 0.1, 1e-8, 0.0, "circle")
     out = EquationsComparison([first], coarse=np.arange(0, len(trajectory.t), 100))
-    three_methods(case, out)
+    compare_three_methods(case, out)
     assert out.residuals == [first]
     assert out.facts[HEADING] == {"compared": "no, because other rows disagree"}

@@ -201,7 +201,7 @@ def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin, at_pos
 def test_the_shaft_outside_is_on_the_other_side_of_the_tip():
     from types import SimpleNamespace
 
-    from twin.validation.fulcrum import OUTSIDE, fulcrum
+    from twin.validation.fulcrum import OUTER_POINT_DISTANCE, sideways_motion
 
     tilt = np.linspace(-0.3, 0.3, 7)
     R = np.array([spatial.exp_so3([0.0, a, 0.0]) for a in tilt])
@@ -209,7 +209,7 @@ def test_the_shaft_outside_is_on_the_other_side_of_the_tip():
     Ts = spatial.pose(R, port + depth * R[:, :, 2])
     rcm = np.array([[np.nan] * 3, *[port] * 6])
     plan = SimpleNamespace(rcm=rcm, depth=np.full(7, depth), Ts_base_frame=Ts, shaft_axis=np.array([0, 0, 2.0]))
-    tip, outside = fulcrum(plan).T
+    tip, outside = sideways_motion(plan).T
     assert np.isnan([tip[0], outside[0]]).all()
-    np.testing.assert_allclose(outside[1:], -OUTSIDE / depth * tip[1:], atol=1e-12)
+    np.testing.assert_allclose(outside[1:], -OUTER_POINT_DISTANCE / depth * tip[1:], atol=1e-12)
     np.testing.assert_allclose(tip[1:], depth * np.sin(tilt[1:] - tilt[1:].mean()), atol=1e-12)

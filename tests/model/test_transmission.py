@@ -36,7 +36,7 @@ from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
 from twin.ui.session.movable_robot import MovableRobot
 from twin.usd.read import read_stage
-from twin.validation.stage_content import content
+from twin.validation.stage_content import compare_content
 
 # -- algebra -------------------------------------------------------------------------------------------
 
@@ -339,14 +339,14 @@ def test_info_shows_motors_and_what_they_move(robot, capsys):
 
 def test_motors_on_the_stage_are_held_against_the_description(robot):
     m, described = robot.weighed().mechanism, robot.cad.description
-    assert content(m, m, described) == []
+    assert compare_content(m, m, described) == []
     t = replace(m.transmissions[1], matrix=1.001 * MATRIX)
     spoilt = replace(
         m, transmissions=(m.transmissions[0], t), actuators=(*m.actuators[:3], replace(m.actuators[3], max_effort=1))
     )
-    assert [f.where for f in content(m, spoilt, described)] == ["m3", "cables"]
+    assert [f.where for f in compare_content(m, spoilt, described)] == ["m3", "cables"]
     bare = replace(m, transmissions=m.transmissions[:1], actuators=m.actuators[:1])
-    assert {f.where for f in content(m, bare, described)} == {"m1", "m2", "m3", "cables"}
+    assert {f.where for f in compare_content(m, bare, described)} == {"m1", "m2", "m3", "cables"}
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.sampling import sample
 from twin.planning.timing import time_path
-from twin.validation.sampled_timing import timing as audit
+from twin.validation.sampled_timing import check_rates as audit
 
 ROOT = Path(__file__).resolve().parents[2]
 DT = 1e-3

@@ -38,8 +38,8 @@ from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
-from twin.validation.stage_content import content
-from twin.validation.trocars import as_written
+from twin.validation.stage_content import compare_content
+from twin.validation.trocars import check_written_trocars
 
 AWAY = np.array([1 * MM, 0, 0])
 
@@ -169,8 +169,10 @@ def test_a_trocar_that_was_moved_after_the_motion_was_baked_is_told_by_name(robo
     assert found.size == pytest.approx(1, abs=1e-4)
     cad = robot.bound(load_protocol(file)).cad
     case = SimpleNamespace(cad=cad, written=built.with_name(f"{made.NAME}_moved.usda"), baked_for_it=False)
-    assert [(f.where, f.severity) for f in as_written(case)] == [("right", "warning")]  # it may just be older
-    assert not as_written(SimpleNamespace(**{**vars(case), "cad": robot.bound(robot.protocol("moved")).cad}))
+    assert [(f.where, f.severity) for f in check_written_trocars(case)] == [
+        ("right", "warning")
+    ]  # it may just be older
+    assert not check_written_trocars(SimpleNamespace(**{**vars(case), "cad": robot.bound(robot.protocol("moved")).cad}))
 
 
 @pytest.mark.nightly
@@ -205,9 +207,9 @@ def test_a_shaft_beside_its_trocar_is_told_by_name(folder, tmp_path):
 
 
 def test_a_mark_that_is_lost_on_the_stage_is_told_by_name(robot):
-    said = content(robot.mechanism, replace(robot.mechanism, trocars=("left",)), robot.cad.description)
+    said = compare_content(robot.mechanism, replace(robot.mechanism, trocars=("left",)), robot.cad.description)
     assert [(f.where, f.message) for f in said] == [("right", "trocar 'right' is not marked as a trocar on the stage")]
-    said = content(replace(robot.mechanism, trocars=()), robot.mechanism, robot.cad.description)
+    said = compare_content(replace(robot.mechanism, trocars=()), robot.mechanism, robot.cad.description)
     assert {f.where for f in said} == {"left", "right"}
 
 

@@ -312,6 +312,6 @@ def test_a_passive_joint_that_follows_a_leaping_jaw_is_no_jump(psm):
     q[6:, 6] = 40 * DEG
     run = model.solve_many(q)
     clock = SimpleNamespace(times=np.arange(12.0), phases=(), when=str)
-    assert margins._jumps(model, run, clock) == []
+    assert margins._passive_jumps(model, run, clock) == []
     still = replace(run, q=np.tile(q[0], (12, 1)))
-    assert [f.where for f in margins._jumps(model, still, clock)] == ["jaw_half"]
+    assert [f.where for f in margins._passive_jumps(model, still, clock)] == ["jaw_half"]

@@ -16,8 +16,8 @@ from twin.core import assets
 from twin.core.units import DEG
 from twin.planning.link_motion import BY_EQUATIONS, BY_PLAN
 from twin.planning.trajectory import key_times
-from twin.validation.baked_motion import KEY_RATE, baked_rows, measure, samples
-from twin.validation.case import summaries
+from twin.validation.baked_motion import KEY_RATE, baked_rows, measure_motion, sampled_motion
+from twin.validation.case import phase_summaries
 from twin.validation.residual_rows import Tolerances
 
 ROOT = Path(__file__).parents[2]
@@ -98,11 +98,11 @@ def test_a_motion_by_wrong_equations_disagrees_with_the_mechanism():
     motion = sils.link_motion(trajectory, key_times(trajectory.duration, KEY_RATE))
     assert not motion.by_plan
     assert np.array_equal(sils.link_motion(trajectory, motion.times).q, motion.q)
-    phases = summaries(trajectory)
+    phases = phase_summaries(trajectory)
 
     def judged(motion):
-        looked = samples(trajectory, motion)
-        return baked_rows(measure(bare, looked), looked, phases, Tolerances())
+        looked = sampled_motion(trajectory, motion)
+        return baked_rows(measure_motion(bare, looked), looked, phases, Tolerances())
 
     bare = replace(sils.mechanism, bodies=tuple(replace(b, meshes=()) for b in sils.mechanism.bodies))
     rows, findings = judged(motion)

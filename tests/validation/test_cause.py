@@ -18,7 +18,7 @@ from twin.cli.fix_search import FixSearch, _words
 from twin.cli.parser import parser
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.units import MM
-from twin.validation.cause import SIDES, causes, side
+from twin.validation.cause import SIDES, causes, side_of
 from twin.validation.residual_rows import Tolerances
 from twin.validation.result import Report, Residual, headline
 
@@ -146,7 +146,7 @@ def test_each_kind_has_a_way_out(finding, words):
     judged = report(finding)
     assert words in judged.what_to_do
     assert judged.what_to_do.count("\n") == 0
-    assert SIDES[side(finding)] in judged.verdict_line
+    assert SIDES[side_of(finding)] in judged.verdict_line
 
 
 def test_a_cure_takes_the_place_of_the_command():
@@ -287,11 +287,11 @@ def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch)
 
 @pytest.mark.slow
 def test_a_length_that_differs_is_the_cause_of_what_reads_it(short):
-    from twin.validation.lengths import lengths, with_length_causes
+    from twin.validation.lengths import check_lengths, with_length_causes
     from twin.validation.residual_rows import SampleClock
 
     robot = twin.load("sils", parameters={"l_p": 135.4 * MM})
-    _, found = lengths(robot.kinematics(), robot.cad, SampleClock(short[1].t, ()), Tolerances())
+    _, found = check_lengths(robot.kinematics(), robot.cad, SampleClock(short[1].t, ()), Tolerances())
     others = [off("point.differs", "s1", 0.2, "eq1 (corrected)"), off("driven.differs", "q1", 0.2, "eq2 (corrected)")]
     judged = report(*found, *with_length_causes(robot.kinematics(), found, others))
     assert [c.name for c in judged.causes] == ["length l_p", "eq2 (corrected)"], "equation (2) does not read it"

@@ -17,7 +17,7 @@ from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.simulation.controllers.console_equations import READINGS, console
 from twin.validation import simulated_accuracy
-from twin.validation.group_study import recompute, smallest_std
+from twin.validation.group_study import check_tables, smallest_std
 from twin.validation.group_tables import load
 from twin.validation.rank_tests import compare
 
@@ -36,7 +36,7 @@ def ideal_turn(chain):
 
 @pytest.fixture(scope="module")
 def found():
-    return recompute(load(FILE), ideal, ideal_turn)
+    return check_tables(load(FILE), ideal, ideal_turn)
 
 
 def of(found, code):
@@ -51,7 +51,7 @@ def test_the_users_that_were_enrolled_do_not_give_the_means(tmp_path):
     """23 controls were enrolled, 22 went to the end: the print itself tells which were counted."""
     file = tmp_path / "all.toml"
     file.write_text(FILE.read_text().replace("users = 22", "users = 23"))
-    assert {f.where for f in of(recompute(load(file), ideal, ideal_turn), "study.integers")} >= {"attractiveness"}
+    assert {f.where for f in of(check_tables(load(file), ideal, ideal_turn), "study.integers")} >= {"attractiveness"}
 
 
 def test_rmse_has_no_reading_for_the_angles(found):
@@ -139,7 +139,7 @@ def small(tmp_path, *change):
         assert old in text
         text = text.replace(old, new)
     file.write_text(text)
-    return recompute(load(file), ideal, ideal_turn)
+    return check_tables(load(file), ideal, ideal_turn)
 
 
 def test_the_prices_of_the_console_give_its_cost_only_if_they_are_for_pairs(found):

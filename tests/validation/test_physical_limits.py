@@ -16,8 +16,8 @@ from twin.core import spatial
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.validation.masses import mass_sources, physical_limits, published_moments
-from twin.validation.masses.physical_limits import StatedInertia, hull_distance, judged, stated
-from twin.validation.masses.probable_mistake import guesses, misfit
+from twin.validation.masses.physical_limits import StatedInertia, hull_distance, judged_inertia, stated_inertia
+from twin.validation.masses.probable_mistake import misfit, probable_mistakes
 
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -53,7 +53,7 @@ def codes(found):
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.05]))
 def test_a_body_that_can_be_passes(seed, uneven):
     inertia, meshes = body(seed, uneven)
-    out = judged(stated("b", "test", inertia, meshes))
+    out = judged_inertia(stated_inertia("b", "test", inertia, meshes))
     assert out.findings == ()
     assert out.definite > 0
     assert 0 <= out.least <= inertia.mass
@@ -71,8 +71,10 @@ def test_moments_of_point_masses_are_possible_and_the_least_mass_is_the_edge(see
     least = physical_limits.least_mass(tensor, first)
     assert 0 < least <= m.sum() * (1 + 1e-9)
     assert least == pytest.approx(float(first @ np.linalg.solve(S, first)), rel=1e-6)
-    assert codes(judged(StatedInertia("b", "t", 0.99 * least, first, tensor)).findings) == ["inertia.impossible"]
-    assert judged(StatedInertia("b", "t", 1.5 * least, first, tensor)).findings == ()
+    assert codes(judged_inertia(StatedInertia("b", "t", 0.99 * least, first, tensor)).findings) == [
+        "inertia.impossible"
+    ]
+    assert judged_inertia(StatedInertia("b", "t", 1.5 * least, first, tensor)).findings == ()
 
 
 @SLOW
@@ -84,7 +86,7 @@ def test_the_other_sign_of_the_products_is_named(seed):
     assume(np.linalg.norm(products) > 0.15 * np.abs(I).max())
     assume(np.sort(np.abs(products))[0] > 0.05 * np.abs(I).max())  # a flip of all is then no exchange of axes
     wrong = replace(inertia, I_com=2 * np.diag(np.diag(I)) - I)
-    found = judged(stated("b", "t", wrong, meshes)).findings
+    found = judged_inertia(stated_inertia("b", "t", wrong, meshes)).findings
     assert {"inertia.sign", "inertia.impossible"} & set(codes(found))
 
 
@@ -92,7 +94,9 @@ def test_the_other_sign_of_the_products_is_named(seed):
 @given(st.integers(0, 10**6), st.sampled_from([-3, -2, -1, 1, 2, 3]))
 def test_a_lost_decimal_mark_of_the_whole_tensor_is_named(seed, power):
     inertia, meshes = body(seed)
-    found = judged(stated("b", "t", replace(inertia, I_com=inertia.I_com * 10.0**power), meshes)).findings
+    found = judged_inertia(
+        stated_inertia("b", "t", replace(inertia, I_com=inertia.I_com * 10.0**power), meshes)
+    ).findings
     assert "inertia.decimal" in codes(found)
     assert f"{10.0**power:g} times" in next(f.message for f in found if f.code == "inertia.decimal")
 
@@ -103,7 +107,7 @@ def test_a_lost_decimal_mark_of_one_moment_is_named(seed, i):
     inertia, meshes = body(seed)
     tensor = inertia.I_com.copy()
     tensor[i, i] *= 10
-    found = judged(stated("b", "t", replace(inertia, I_com=tensor), meshes)).findings
+    found = judged_inertia(stated_inertia("b", "t", replace(inertia, I_com=tensor), meshes)).findings
     told = [f.message for f in found if f.code == "inertia.decimal"]
     assert any(f"I{'xyz'[i] * 2} " in t for t in told)
 
@@ -112,7 +116,7 @@ def test_a_lost_decimal_mark_of_one_moment_is_named(seed, i):
 @given(st.integers(0, 10**6), st.sampled_from([-2, 2, 3]))
 def test_a_lost_decimal_mark_of_the_mass_is_named(seed, power):
     inertia, meshes = body(seed)
-    found = judged(stated("b", "t", replace(inertia, mass=inertia.mass * 10.0**power), meshes)).findings
+    found = judged_inertia(stated_inertia("b", "t", replace(inertia, mass=inertia.mass * 10.0**power), meshes)).findings
     told = next(f for f in found if f.code == "inertia.density")
     assert f"{abs(power)} places" in told.message
 
@@ -124,7 +128,7 @@ def test_exchanged_axes_are_named(order):
     meshes = (Mesh("box", box.vertices, np.asarray(box.faces, np.int32)),)
     box.density = 2700.0
     tensor = np.array(box.moment_inertia)[np.ix_(order, order)]
-    found = judged(stated("b", "t", Inertia(float(box.mass), np.zeros(3), tensor), meshes)).findings
+    found = judged_inertia(stated_inertia("b", "t", Inertia(float(box.mass), np.zeros(3), tensor), meshes)).findings
     assert codes(found) == ["inertia.axes"]
 
 
@@ -134,7 +138,7 @@ def test_a_tensor_about_the_origin_is_named_where_one_about_the_mass_centre_is_s
     shift = p - inertia.p_body_com
     meshes = tuple(replace(m, vertices=m.vertices + shift) for m in meshes)
     wrong = inertia.I_com + inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
-    found = judged(stated("b", "t", Inertia(inertia.mass, p, wrong), meshes)).findings
+    found = judged_inertia(stated_inertia("b", "t", Inertia(inertia.mass, p, wrong), meshes)).findings
     assert codes(found) == ["inertia.origin"]
     assert "about the frame's origin" in found[0].message
 
@@ -150,14 +154,14 @@ def test_a_tensor_about_the_origin_is_named_where_one_about_the_mass_centre_is_s
     ],
 )
 def test_what_no_body_has_is_told(change, code):
-    found = judged(stated("b", "t", replace(Inertia(1.0, np.zeros(3), np.eye(3)), **change))).findings
+    found = judged_inertia(stated_inertia("b", "t", replace(Inertia(1.0, np.zeros(3), np.eye(3)), **change))).findings
     assert code in codes(found)
 
 
 def test_a_mass_centre_outside_the_shapes_is_told_and_measured():
     inertia, meshes = body(3)
     far = np.array([0.5, 0, 0])
-    found = judged(stated("b", "t", replace(inertia, p_body_com=inertia.p_body_com + far), meshes))
+    found = judged_inertia(stated_inertia("b", "t", replace(inertia, p_body_com=inertia.p_body_com + far), meshes))
     assert "inertia.outside" in codes(found.findings)
     vertices = meshes[0].vertices
     p = inertia.p_body_com + far
@@ -165,7 +169,7 @@ def test_a_mass_centre_outside_the_shapes_is_told_and_measured():
     mixes = rng.dirichlet(np.full(8, 0.3), 20000) @ vertices
     assert found.outside <= np.linalg.norm(mixes - p, axis=1).min() + 1e-9
     assert found.outside == pytest.approx(np.linalg.norm(mixes - p, axis=1).min(), rel=0.05)
-    odd = judged(stated("b", "t", replace(inertia, p_body_com=p), meshes, own_shapes=False))
+    odd = judged_inertia(stated_inertia("b", "t", replace(inertia, p_body_com=p), meshes, own_shapes=False))
     assert {f.severity for f in odd.findings} == {"warning"}  # somebody else's drawing
 
 
@@ -183,8 +187,8 @@ def test_a_hollow_body_is_not_accused():
     m, n = 2700 * outer.volume, 2700 * inner.volume
     tensor = 2700 * (np.array(outer.moment_inertia) - np.array(inner.moment_inertia))
     meshes = (Mesh("box", outer.vertices, np.asarray(outer.faces, np.int32)),)
-    assert judged(stated("b", "t", Inertia(m - n, np.zeros(3), tensor), meshes)).findings == ()
-    assert guesses("b", "t", tensor, np.zeros(3), m - n, None) == []
+    assert judged_inertia(stated_inertia("b", "t", Inertia(m - n, np.zeros(3), tensor), meshes)).findings == ()
+    assert probable_mistakes("b", "t", tensor, np.zeros(3), m - n, None) == []
     assert misfit(np.eye(3), np.eye(3)) == 0
 
 
@@ -203,10 +207,10 @@ def test_the_printed_tables_of_the_pa10():
 
 def test_moments_about_the_mass_centre_need_no_mass():
     """Without a first moment, any mass is possible, also a small one."""
-    out = judged(StatedInertia("b", "t", None, np.zeros(3), np.diag([2.0, 3.0, 4.0])))
+    out = judged_inertia(StatedInertia("b", "t", None, np.zeros(3), np.diag([2.0, 3.0, 4.0])))
     assert (out.least, out.findings) == (0.0, ())
     assert 0 < out.definite < 1
-    thin = judged(StatedInertia("b", "t", None, np.zeros(3), np.diag([1.0, 1.0, 4.0])))
+    thin = judged_inertia(StatedInertia("b", "t", None, np.zeros(3), np.diag([1.0, 1.0, 4.0])))
     assert codes(thin.findings) == ["inertia.impossible"]
 
 
@@ -217,7 +221,7 @@ def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed)
     rows, negated = [], []
     for i in range(4):
         inertia, _ = body(int(rng.integers(10**6)))
-        s = stated(f"{i}", "t", inertia)
+        s = stated_inertia(f"{i}", "t", inertia)
         rows.append((s.name, s.first, s.tensor))
         negated.append((s.name, s.first, published_moments.negated(s.tensor)))
     assert "inertia.sign" not in codes(mass_sources.of_moments("t", rows).findings)

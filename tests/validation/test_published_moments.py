@@ -53,8 +53,8 @@ def test_sums_of_the_smallest_masses(recomputed):
 def test_the_products_are_negated_and_only_then_the_masses_fall(recomputed):
     rows, found = recomputed
     assert published_moments.convention(rows) == "negated"
-    assert published_moments.falling(rows, "negated")
-    assert not published_moments.falling(rows, "as printed")
+    assert published_moments.masses_fall(rows, "negated")
+    assert not published_moments.masses_fall(rows, "as printed")
     codes = [f.code for f in found]
     assert codes.count("inertia.repaired") == 12
     assert codes.count("inertia.products") == codes.count("inertia.composites") == 1

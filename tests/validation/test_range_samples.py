@@ -25,7 +25,7 @@ from twin.kinematics.closed_loops import LoopSolver
 from twin.reference import ReferenceModel
 from twin.robots import load_formula
 from twin.validation import range_samples
-from twin.validation.range_samples import SampledRange, SuspectReservoir, _Tally
+from twin.validation.range_samples import SampledRange, SuspectReservoir, _StageTally
 from twin.validation.range_samples_result import RangeSamples
 from twin.validation.residual_rows import Tolerances
 
@@ -159,7 +159,7 @@ def test_whether_the_orientation_is_read_is_decided_once(tmp_path, monkeypatch):
 
 def test_the_worst_of_the_kernels_is_relative_to_the_tolerances():
     """A turn of 1 rad is worse than an offset of 1 µm, although only the second state has an offset."""
-    tally = _Tally()
+    tally = _StageTally()
     tally.add(np.array([[1.0], [2.0]]), np.array([0.0, 1e-6]), np.array([1.0, 0.0]), Tolerances())
     assert tally.worst is not None
     assert tally.worst.q == [1.0]
@@ -170,7 +170,7 @@ def test_kept_suspects_are_spread_over_all():
     """Given in blocks, as at once; a suspect without a result is no worst one."""
     q = np.arange(5000.0)[:, None]
     reservoir = SuspectReservoir()
-    tally = _Tally()
+    tally = _StageTally()
     for block in np.array_split(q, 7):
         reservoir.add(block)
         missing = np.full(len(block), np.nan)

@@ -207,7 +207,7 @@ def test_what_the_other_solver_cannot_time_is_unchecked_with_its_reason(monkeypa
         raise TimingError("the solver returned ERR_X")
 
     trajectory, mechanism, protocol = plan_of("sils", "table2_printed")
-    rows, facts, findings = judge.durations(trajectory, mechanism, protocol, {"passes": ("toppra", refuse)})
+    rows, facts, findings = judge.judge_durations(trajectory, mechanism, protocol, {"passes": ("toppra", refuse)})
     assert {(f.code, f.severity) for f in findings} == {("timing.unchecked", "error")}
     assert all("ERR_X" in f.message for f in findings)
     assert [f.where for f in findings] == [span.name for span in trajectory.phases]
@@ -228,7 +228,7 @@ def test_one_phase_that_is_unchecked_does_not_hide_the_others():
             raise TimingError("no")
         return toppra_solver.fastest(*problem)
 
-    rows, _, findings = judge.durations(trajectory, mechanism, protocol, {"passes": ("toppra", refuse_second)})
+    rows, _, findings = judge.judge_durations(trajectory, mechanism, protocol, {"passes": ("toppra", refuse_second)})
     assert [(f.code, f.where) for f in findings] == [("timing.unchecked", "insert")]
     assert {r.samples for r in rows} == {2}
     assert all("unchecked: insert" in r.note for r in rows)

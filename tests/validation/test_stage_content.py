@@ -14,10 +14,10 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Drive
 from twin.model.mechanism import Coupling
 from twin.usd.read import read_stage
-from twin.validation.baked_motion import Written, written_rows
+from twin.validation.baked_motion import ExistingMotion, existing_motion_rows
 from twin.validation.masses import solid_moments
 from twin.validation.residual_rows import Tolerances
-from twin.validation.stage_content import content, estimate
+from twin.validation.stage_content import compare_content, estimated_inertia
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def changed(mechanism, kind, name, **values):
 
 def wrong(sils, stage):
     cad, _ = sils
-    return content(cad.mechanism, stage, cad.description)
+    return compare_content(cad.mechanism, stage, cad.description)
 
 
 def test_the_stage_is_the_mechanism(sils):
@@ -160,7 +160,7 @@ def test_a_coupling_with_another_ratio_or_sum_is_named(sils):
         (("q1", "q3"), (-1.0, 1.0), 0.2, ["ratios", "sum 0.2"]),
     ):
         on_stage = replace(stage, couplings=(Coupling("belt", joints, ratios, total),))
-        found = content(mechanism, on_stage, cad.description)
+        found = compare_content(mechanism, on_stage, cad.description)
         assert [f.where for f in found] == ["belt"] * len(says)
         assert all(text in f.message for text, f in zip(says, found, strict=True))
 
@@ -169,7 +169,7 @@ def test_the_estimate_of_a_mass_shares_nothing_with_the_scales_and_agrees(sils, 
     """Trimesh weighs a fine mesh, the estimate sums tetrahedra over the coarse one."""
     cad, _ = sils
     for body in sils_cad.mechanism.bodies:
-        guess = estimate(cad.mechanism.body(body.name), cad.description)
+        guess = estimated_inertia(cad.mechanism.body(body.name), cad.description)
         assert guess is not None
         assert guess.mass == pytest.approx(body.inertia.mass, rel=0.06)
         assert guess.violations() == []
@@ -187,11 +187,11 @@ def test_moments_of_a_box_and_of_an_open_one():
     about = m.second - np.outer(m.first, m.first) / m.volume
     R = T[:3, :3]
     assert R.T @ about @ R / m.volume == pytest.approx(np.diag([0.01, 0.04, 0.16]) / 12, abs=1e-12)
-    assert solid_moments.of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
+    assert solid_moments.moments_of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
     empty = Mesh("empty", np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    assert solid_moments.of_meshes([Mesh("box", vertices, box.faces), empty]) is None
+    assert solid_moments.moments_of_meshes([Mesh("box", vertices, box.faces), empty]) is None
     assert solid_moments.moments(vertices, box.faces[:, ::-1]).volume == pytest.approx(-0.008)
-    assert Inertia(1.0, np.zeros(3), solid_moments.tensor(about)).violations() == []
+    assert Inertia(1.0, np.zeros(3), solid_moments.inertia_tensor(about)).violations() == []
 
 
 class Looked:
@@ -201,21 +201,32 @@ class Looked:
 @pytest.mark.parametrize(
     ("written", "says"),
     [
-        (Written("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)), "differs from the motion of the protocol"),
-        (Written("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)), "differs from the motion of the protocol"),
-        (Written("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)), "belongs to another protocol, or was changed"),
-        (Written("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have no time codes"),
+        (
+            ExistingMotion("x.usda", Looked.keys, np.full(11, 1e-4), np.zeros(11)),
+            "differs from the motion of the protocol",
+        ),
+        (
+            ExistingMotion("x.usda", Looked.keys, np.zeros(11), np.full(11, 1e-3)),
+            "differs from the motion of the protocol",
+        ),
+        (
+            ExistingMotion("x.usda", Looked.keys + 0.1, np.zeros(0), np.zeros(0)),
+            "belongs to another protocol, or was changed",
+        ),
+        (ExistingMotion("x.usda", Looked.keys, np.zeros(11), np.zeros(11), ("bar1",)), "bar1 have no time codes"),
     ],
 )
 @pytest.mark.parametrize("due", [True, False])
 def test_a_motion_beside_the_stage_is_held_against_the_protocol(written, says, due):
-    _, found = written_rows(written, Looked, (), Tolerances(), due)
+    _, found = existing_motion_rows(written, Looked, (), Tolerances(), due)
     assert [f.code for f in found] == ["baked.written"]
     assert found[0].severity == ("disagreement" if due else "warning")
     assert says in found[0].message
 
 
 def test_a_motion_that_is_right_is_not_spoken_of():
-    rows, found = written_rows(Written("x", Looked.keys, np.zeros(11), np.zeros(11)), Looked, (), Tolerances(), True)
+    rows, found = existing_motion_rows(
+        ExistingMotion("x", Looked.keys, np.zeros(11), np.zeros(11)), Looked, (), Tolerances(), True
+    )
     assert found == []
     assert len(rows) == 2

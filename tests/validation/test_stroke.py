@@ -14,7 +14,7 @@ from twin.core.units import DEG, UM
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.robots import load_formula
-from twin.validation.stroke import STANDINS, sweep
+from twin.validation.stroke import SIMPLIFIED_MODELS, sweep
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def sher():
 
 def test_tilt_over_its_whole_stroke(sher):
     robot, model, home = sher
-    one = sweep(robot.kinematics(), model, "q5", home, STANDINS)
+    one = sweep(robot.kinematics(), model, "q5", home, SIMPLIFIED_MODELS)
     assert (one.q[0], one.q[-1]) == pytest.approx((0, 0.05))
     assert one.agrees
     assert one.gap < 1e-11
@@ -55,7 +55,7 @@ def test_mimic_is_the_best_line_and_serial_the_best_pivot(sher):
 
 def test_a_delta_leg_has_no_mimic(sher):
     robot, model, home = sher
-    one = sweep(robot.kinematics(), model, "q1", home, STANDINS, samples=101)
+    one = sweep(robot.kinematics(), model, "q1", home, SIMPLIFIED_MODELS, samples=101)
     assert one.agrees
     assert one.q[0] > one.limits[0]  # with the others at home a rod nears the level: the stroke ends before its limit
     assert not len(one.standins["mimic"].offset)
@@ -65,7 +65,7 @@ def test_a_delta_leg_has_no_mimic(sher):
 
 def test_roll_needs_no_loop(sher):
     robot, model, home = sher
-    one = sweep(robot.kinematics(), model, "q4", home, STANDINS, samples=51)
+    one = sweep(robot.kinematics(), model, "q4", home, SIMPLIFIED_MODELS, samples=51)
     assert max(c.distance.max() for c in one.standins.values()) < 1e-12
 
 

@@ -60,7 +60,7 @@ def codes(findings):
 
 def test_what_was_planned_is_within_its_limits_by_its_samples_alone(sils, planned):
     protocol, trajectory = planned
-    facts, found = sampled_timing.timing(trajectory, sils.mechanism, protocol)
+    facts, found = sampled_timing.check_rates(trajectory, sils.mechanism, protocol)
     assert found == []
     assert facts["tip speed"].startswith("tip speed of tool in phase 'withdraw': 14.98 of 15")
     assert facts["speed"].startswith("joint q4: 38.2")
@@ -141,7 +141,7 @@ def _gap_in_phases(t):
 )
 def test_a_defect_of_the_timing_is_found_without_the_planners_word(sils, planned, spoil, code):
     protocol, trajectory = planned
-    _, found = sampled_timing.timing(spoil(trajectory), sils.mechanism, protocol)
+    _, found = sampled_timing.check_rates(spoil(trajectory), sils.mechanism, protocol)
     assert code in codes(found)
     assert all(f.severity == "disagreement" for f in found)
 
@@ -213,7 +213,7 @@ def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):
 def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     protocol, trajectory = printed
     T = sils.mechanism.frame_in_tool(protocol.frame)
-    facts, found = rcm_fixes.fixes(protocol, trajectory, sils.path_kinematics(), T)
+    facts, found = rcm_fixes.rcm_fixes(protocol, trajectory, sils.path_kinematics(), T)
     move = facts["sweep: move the tip, keep the angles"]
     assert "by 45.78 mm" in move
     assert "the robot can do the protocol" in move
@@ -241,7 +241,7 @@ def test_a_fix_states_no_size_of_zero():
 def test_a_protocol_that_keeps_its_rcm_needs_no_fix(sils, planned):
     protocol, trajectory = planned
     T = sils.mechanism.frame_in_tool(protocol.frame)
-    assert rcm_fixes.fixes(protocol, trajectory, sils.path_kinematics(), T) == ({}, [])
+    assert rcm_fixes.rcm_fixes(protocol, trajectory, sils.path_kinematics(), T) == ({}, [])
 
 
 def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
@@ -255,7 +255,9 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, +: the shaft passes through the RCM" in rcm_fixes._other_readings(other, trajectory, span)
+    assert "signs +, -, +: the shaft passes through the RCM" in rcm_fixes._other_angle_conventions(
+        other, trajectory, span
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -263,7 +265,7 @@ def test_the_nearest_pose_keeps_the_rcm_and_none_beside_it_is_nearer(seed):
     rng = np.random.default_rng(seed)
     T = spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3) * 0.1)
     axis, rcm, lever = np.array([0, 0, -1.0]), rng.normal(size=3) * 0.1, 0.08
-    best = rcm_fixes.nearest(T, axis, rcm, lever)
+    best = rcm_fixes.nearest_pose_through_rcm(T, axis, rcm, lever)
 
     def cost(X):
         turn = spatial.rotation_angle(T[:3, :3].T @ X[:3, :3])
@@ -284,7 +286,7 @@ def test_the_nearest_pose_keeps_the_rcm_and_none_beside_it_is_nearer(seed):
 def test_margins_name_each_joint_and_when(sils, planned):
     _, trajectory = planned
     clock = SampleClock(trajectory.t, ())
-    left = margins.margins(trajectory, sils.mechanism, sils.path_kinematics(), clock)
+    left = margins.margin_texts(trajectory, sils.mechanism, sils.path_kinematics(), clock)
     assert left["joint q4"].startswith("5.16 mm to its lower limit")
     assert left["joint q2"].startswith("3.51 mm to its upper limit")
     assert left["singularity type2"].startswith("-0.72")
@@ -297,14 +299,16 @@ def test_the_mechanism_tells_its_own_singularity_and_a_jump(sils, planned):
     rows = np.arange(0, len(trajectory.t), 40)
     posed = model.run_poses(trajectory.Ts_base_tool[rows])
     clock = SampleClock(trajectory.t, ())
-    facts, found, curves = margins.of_mechanism(model, posed, rows, clock)
+    facts, found, curves = margins.mechanism_margins(model, posed, rows, clock)
     assert found == []
     assert curves["conditioning.type1"].min() > 0.05
     assert "1: best" in facts["mechanism, drives at rest (type 2)"]
     name = model.mechanism.passive[0].name
     other = posed.q_passive[name].copy()
     other[30:] += 0.5
-    _, found, _ = margins.of_mechanism(model, replace(posed, q_passive={**posed.q_passive, name: other}), rows, clock)
+    _, found, _ = margins.mechanism_margins(
+        model, replace(posed, q_passive={**posed.q_passive, name: other}), rows, clock
+    )
     assert [(f.code, f.where) for f in found] == [("branch.jump", name)]
 
 

@@ -271,13 +271,13 @@ def strokes(
         >>> twin.strokes("sher", ["q5"]).verdict
         'agree'
     """
-    from twin.validation.stroke import STANDINS, sweep
+    from twin.validation.stroke import SIMPLIFIED_MODELS, sweep
     from twin.validation.stroke_result import Strokes, ToolRequirement
 
     robot = loaded(robot)
     for name in standins:
-        if name not in STANDINS:
-            raise TwinError(f"standins: {unknown('simplified loop model', name, STANDINS)}")
+        if name not in SIMPLIFIED_MODELS:
+            raise TwinError(f"standins: {unknown('simplified loop model', name, SIMPLIFIED_MODELS)}")
     for name in joints:
         if name not in robot.joints:
             raise TwinError(f"joints: {unknown('active joint', name, robot.joints)}")

@@ -16,7 +16,7 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
-    from twin.validation.group_study import Recomputed
+    from twin.validation.group_study import CheckedTables
     from twin.validation.group_tables import GroupTables
 
 _NEXT = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
@@ -171,7 +171,7 @@ def _has_groups(path: Path) -> bool:
         return False
 
 
-def _recomputed_groups(path: Path) -> tuple[GroupTables, Recomputed]:
+def _recomputed_groups(path: Path) -> tuple[GroupTables, CheckedTables]:
     """Return the printed tables of independent groups, and what follows from their rows."""
     from twin.core.units import DEG, MM
     from twin.simulation.controllers.console_equations import console as console_with
@@ -179,7 +179,7 @@ def _recomputed_groups(path: Path) -> tuple[GroupTables, Recomputed]:
 
     # `validation` knows no console: it gets functions that measure one with the published equations
     printed = group_tables.load(path)
-    recomputed = group_study.recompute(
+    recomputed = group_study.check_tables(
         printed,
         lambda claim: simulated_accuracy.measure(console_with(), claim.displacements, claim.resolution_mm * MM),
         lambda claim: simulated_accuracy.measure_angles(console_with(), claim.rotations, claim.resolution_deg * DEG),

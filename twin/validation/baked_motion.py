@@ -1,6 +1,6 @@
 """Checks that need no equations: the motion baked into USD and read back, and clearances between parts.
 
-`measure` takes and returns plain data, so that it can run in another process during the comparison.
+`measure_motion` takes and returns plain data, so that it can run in another process during the comparison.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ KEY_RATE = 60.0
 CLEARANCE_RATE = 5.0
 """Rate in Hz at which clearances are measured."""
 
-MIDDLE_EVERY = 4
+INTERVALS_PER_CHECKED_MIDDLE = 4
 """Of the intervals between keys, every n-th is checked in its middle; this constant is n."""
 
 TIME_TOLERANCE = 1e-6
@@ -43,7 +43,7 @@ TIME_TOLERANCE = 1e-6
 _OWN_TIME_TOLERANCE = 1e-9
 """Tolerance in s of the time codes that were written just before, without another program between."""
 
-_DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
+_BAKED_DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
 _CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
 
 
@@ -86,7 +86,7 @@ class MotionSamples:
 
 @dataclass(frozen=True)
 class MeasuredMotion:
-    """Result of `measure`.
+    """Result of `measure_motion`.
 
     Attributes:
         times: (k,) in s, time codes read back.
@@ -103,12 +103,12 @@ class MeasuredMotion:
     rotation: Array
     between: Array
     clearance: Clearance | None
-    written: Written | None = None
+    written: ExistingMotion | None = None
     mates: tuple[Mate, ...] = ()
 
 
 @dataclass(frozen=True)
-class Written:
+class ExistingMotion:
     """Errors of an existing baked motion: file, time codes (k,) in s, and errors (k,) in m and rad.
 
     Each error is the largest of all links at one time. The errors are computed at the intended times; the error arrays
@@ -122,14 +122,14 @@ class Written:
     missing: tuple[str, ...] = ()
 
 
-def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionSamples:
-    """Return the checked times of a trajectory, with poses and joint values, for `measure`.
+def sampled_motion(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionSamples:
+    """Return the checked times of a trajectory, with poses and joint values, for `measure_motion`.
 
     `motion` at `key_times(trajectory.duration, KEY_RATE)` is baked and then judged by the reference model; None: the
     motion of the reference model is baked.
     """
     keys = key_times(trajectory.duration, KEY_RATE)
-    middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE_EVERY]
+    middle = (0.5 * (keys[1:] + keys[:-1]))[::INTERVALS_PER_CHECKED_MIDDLE]
     # both ends also of a motion that is shorter than one interval
     sparse_count = max(2, int(trajectory.duration * CLEARANCE_RATE) + 1)
     sparse = np.linspace(0.0, trajectory.duration, sparse_count)
@@ -152,7 +152,7 @@ def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionS
     return replace(planned, q_keys=motion.q, followed=followed, links=motion.links, driver=motion.driver)
 
 
-def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None = None) -> MeasuredMotion:
+def measure_motion(mechanism: Mechanism, samples: MotionSamples, written: Path | None = None) -> MeasuredMotion:
     """Bake a motion, read it back, compare it with the mechanism, and measure clearances between parts.
 
     `written` is a stage with an existing baked motion, which is also compared with the mechanism; or None.
@@ -185,7 +185,7 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
         for name, Ts in in_middle.items():
             p = read_back[name][:, :3, 3]
             # a player interpolates linearly: in the middle of an interval, it shows the mean of the two keys
-            interpolated = 0.5 * (p[1:] + p[:-1])[::MIDDLE_EVERY]
+            interpolated = 0.5 * (p[1:] + p[:-1])[::INTERVALS_PER_CHECKED_MIDDLE]
             between = np.maximum(between, np.linalg.norm(interpolated - Ts[:, :3, 3], axis=1))
     distances = None
     if any(body.meshes for body in mechanism.bodies):
@@ -196,12 +196,12 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
         rotation=rotation,
         between=between,
         clearance=distances,
-        written=written_motion(written, samples.keys, links),
+        written=existing_motion(written, samples.keys, links),
         mates=tuple(mates(mechanism)),
     )
 
 
-def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> Written | None:
+def existing_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -> ExistingMotion | None:
     """Compare the baked motion of a stage with link poses (k, 4, 4) at times `keys` (k,) in s; None without a stage."""
     if root is None:
         return None
@@ -209,11 +209,11 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
         times, read_back = read_motion(root)
     except StageError as error:
         # reported as a motion without time codes; the reason is part of the file's name
-        return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
+        return ExistingMotion(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
     missing = [name for name in links if name not in read_back]
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME_TOLERANCE:
-        return Written(root.name, times, position=np.zeros(0), rotation=np.zeros(0), missing=tuple(missing))
-    return Written(root.name, times, *_largest_errors(links, read_back, len(keys)), tuple(missing))
+        return ExistingMotion(root.name, times, position=np.zeros(0), rotation=np.zeros(0), missing=tuple(missing))
+    return ExistingMotion(root.name, times, *_largest_errors(links, read_back, len(keys)), tuple(missing))
 
 
 def _largest_errors(links: Mapping[str, Array], read_back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
@@ -230,8 +230,8 @@ def _largest_errors(links: Mapping[str, Array], read_back: Mapping[str, Array], 
     return position, rotation
 
 
-def written_rows(
-    written: Written, samples: MotionSamples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
+def existing_motion_rows(
+    written: ExistingMotion, samples: MotionSamples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances, due: bool
 ) -> tuple[list[Residual], list[Finding]]:
     """Return rows and findings on an existing baked motion.
 
@@ -310,7 +310,7 @@ def baked_rows(
     for r in rows:
         if not r.agrees:
             text = "a baked link pose differs from the mechanism"
-            findings.append(r.finding(_DIFFERS, text, "motion layer", when=f"t = {r.t:.2f} s"))
+            findings.append(r.finding(_BAKED_DIFFERS, text, "motion layer", when=f"t = {r.t:.2f} s"))
     note = f"error of a player that interpolates {KEY_RATE:g} Hz keys"
     rows.append(
         row(

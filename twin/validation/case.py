@@ -56,7 +56,7 @@ class Case:
     @cached_property
     def clock(self) -> SampleClock:
         """Times and phases of the samples of the trajectory."""
-        return SampleClock(self.trajectory.t, summaries(self.trajectory))
+        return SampleClock(self.trajectory.t, phase_summaries(self.trajectory))
 
     @property
     def written(self) -> Path | None:
@@ -76,14 +76,14 @@ PARTS: frozenset[Part] = frozenset(("protocol", "equations", "stage", "motion"))
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownResults:
     """Results of earlier checks of the same equations, mechanism and trajectory, to be reused; None: not available."""
 
     comparison: EquationsComparison | None = None
     measured: MeasuredMotion | None = None
 
 
-def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
+def phase_summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
     """Return the phases of a trajectory as summaries for the report."""
     summaries = []
     for phase in trajectory.phases:

@@ -23,7 +23,7 @@ SIDES: dict[Side, str] = {
 """Message for each side that can be faulty. Causes are listed in the order of these sides, because a fault of one side
 can cause findings on a later side."""
 
-_FAMILIES: dict[str, Side] = {
+_SIDE_OF_CODE: dict[str, Side] = {
     **dict.fromkeys(("cad", "loop"), "CAD"),
     **dict.fromkeys(("point", "points", "driven", "passive", "tool", "forward", "length", "mechanism"), "equations"),
     **dict.fromkeys(("speed", "acceleration", "margin", "range"), "equations"),
@@ -32,7 +32,7 @@ _FAMILIES: dict[str, Side] = {
 }
 """Side of a finding, by the first word of its code; findings with other codes belong to the side "protocol"."""
 
-_SAME = 0.999
+_EQUAL_SIZE_RATIO = 0.999
 """Findings count as equally large if their size is at least this fraction of the largest size; the first is `head`."""
 
 
@@ -76,11 +76,11 @@ class Cause:
     def lines(self) -> Iterator[str]:
         """Yield a line with places and sizes for each of `also`, `follows` and `perhaps` that is not empty."""
         if self.also:
-            yield f"also: {_sizes(self.also)}"
+            yield f"also: {_sizes_text(self.also)}"
         if self.follows:
-            yield f"follows from this: {_sizes(self.follows)}"
+            yield f"follows from this: {_sizes_text(self.follows)}"
         if self.perhaps:
-            yield f"may follow from this: {_sizes(self.perhaps)}"
+            yield f"may follow from this: {_sizes_text(self.perhaps)}"
 
     def as_dict(self) -> JsonObject:
         """Return the cause as JSON data; findings other than `head` have only code, place and size."""
@@ -113,27 +113,27 @@ def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
     groups: dict[tuple[Side, str], list[Finding]] = {}
     for finding in ordered:
         if finding.severity in ("error", "disagreement"):
-            groups.setdefault(_key(finding), []).append(finding)
+            groups.setdefault(_side_and_name(finding), []).append(finding)
     for finding in ordered:  # warnings and notes are listed only under a cause that they name
-        if finding.severity in ("warning", "info") and finding.cause and _key(finding) in groups:
-            groups[_key(finding)].append(finding)
+        if finding.severity in ("warning", "info") and finding.cause and _side_and_name(finding) in groups:
+            groups[_side_and_name(finding)].append(finding)
     ordered_causes = []
     for (faulty, name), group in groups.items():
         ordered_causes.append(_cause(faulty, name, group))
     # the sort is stable: causes of one side stay in the order of their severity
     sides = list(SIDES)
     ordered_causes.sort(key=lambda cause: (cause.head.severity != "error", sides.index(cause.side)))
-    return _after_cad(ordered_causes)
+    return _with_equations_after_cad(ordered_causes)
 
 
-def side(finding: Finding) -> Side:
+def side_of(finding: Finding) -> Side:
     """Return the side of a finding, a key of `SIDES`, from the first word of its code."""
-    return _FAMILIES.get(finding.code.partition(".")[0], "protocol")
+    return _SIDE_OF_CODE.get(finding.code.partition(".")[0], "protocol")
 
 
-def _key(finding: Finding) -> tuple[Side, str]:
+def _side_and_name(finding: Finding) -> tuple[Side, str]:
     """Return (side, name) of the cause to which a finding belongs."""
-    faulty = side(finding)
+    faulty = side_of(finding)
     if finding.cause:
         if faulty == "CAD" and finding.code.startswith("loop."):
             faulty = "equations"  # a loop that is open at the equations' joint values is their fault
@@ -152,7 +152,7 @@ def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
             alike.append(finding)
         else:
             follows.append(finding)
-    head = _largest(alike)
+    head = _representative(alike)
     also = []
     for finding in alike:
         if finding is not head:  # by identity: two findings can have the same content
@@ -160,7 +160,7 @@ def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
     return Cause(first.cause or first.where or first.code, faulty, head=head, also=tuple(also), follows=tuple(follows))
 
 
-def _largest(findings: list[Finding]) -> Finding:
+def _representative(findings: list[Finding]) -> Finding:
     """Return the first of the findings, in the unit of the first, that is about as large as the largest of them."""
     first = findings[0]
     comparable: list[tuple[float, Finding]] = []
@@ -170,12 +170,12 @@ def _largest(findings: list[Finding]) -> Finding:
     largest = max((size for size, _ in comparable), default=0.0)
     # not simply the largest: rounding would decide between equal faults, and name another one on another machine
     for size, finding in comparable:
-        if size >= _SAME * largest:
+        if size >= _EQUAL_SIZE_RATIO * largest:
             return finding
     return first
 
 
-def _after_cad(ordered_causes: list[Cause]) -> tuple[Cause, ...]:
+def _with_equations_after_cad(ordered_causes: list[Cause]) -> tuple[Cause, ...]:
     """If the first cause is a fault of the CAD, move findings on the equations to `perhaps` of this cause.
 
     Findings on the equations that are much larger than the gaps of a noisy CAD are causes of their own.
@@ -206,7 +206,7 @@ def _is_beyond_noise(finding: Finding, cad: Finding) -> bool:
     return False  # rates and shares are compared with no gap
 
 
-def _sizes(findings: Sequence[Finding], most: int = 6) -> str:
+def _sizes_text(findings: Sequence[Finding], most: int = 6) -> str:
     """Return a text with place and size of each of the first `most` findings, and the number of further findings."""
     texts: list[str] = []
     for finding in findings[:most]:

@@ -14,8 +14,8 @@ from twin.planning import topp, toppra_solver
 from twin.planning.plan_result import Planned
 from twin.planning.protocol import Protocol, Solver
 from twin.planning.trajectory import Trajectory
-from twin.validation.result import Residual, state
-from twin.validation.retiming import Fastest, durations
+from twin.validation.result import Residual, row_verdict
+from twin.validation.retiming import Fastest, judge_durations
 
 OTHERS: Mapping[Solver, tuple[Solver, Fastest]] = {
     "passes": ("toppra", toppra_solver.fastest),
@@ -27,8 +27,8 @@ OTHERS: Mapping[Solver, tuple[Solver, Fastest]] = {
 def retimed(
     trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol
 ) -> tuple[list[Residual], dict[str, str], list[Finding]]:
-    """Judge the timing of each phase by the solver that did not time it; see `durations`."""
-    return durations(trajectory, mechanism, protocol, OTHERS)
+    """Judge the timing of each phase by the solver that did not time it; see `judge_durations`."""
+    return judge_durations(trajectory, mechanism, protocol, OTHERS)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class CheckedPlan(Planned):
             if row.tolerance is not None:
                 tolerance = quantity(row.tolerance, row.unit)
             worst = deviation(row.worst, row.unit, row.tolerance)
-            cells.append((row.quantity, row.name, worst, tolerance, row.phase, state(row)))
+            cells.append((row.quantity, row.name, worst, tolerance, row.phase, row_verdict(row)))
         heading = "timing"
         if judges:
             heading = f"by {' and '.join(judges)}"

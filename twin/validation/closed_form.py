@@ -24,20 +24,20 @@ from twin.core.spatial import Array
 from twin.formula.closed_form import ClosedForm, Terms
 from twin.reference.dynamics import Dynamics
 
-_EXPLAINED = 1e-2
+_EXPLAINED_REMAINDER = 1e-2
 """An edit explains the differences if it reduces their norm to less than this fraction of the original norm.
 
 The rounding of published parameters leaves a smaller fraction.
 """
 
-_RATES = (1.0, 0.2)
+_LARGEST_RATES = (1.0, 0.2)
 """Largest rates of the random states, in rad/s and m/s; similar to the largest speeds of the arm."""
 
-_BALANCE = 1e-9
+_BALANCE_TOLERANCE = 1e-9
 """Tolerance of the power balance, relative to the largest term."""
 
 _DIFFERS = Kind("motion.differs", "disagreement", "correct the term or its parameters in the equations of motion")
-_BROKEN = Kind("motion.inconsistent", "disagreement", "derive C from M, by the Christoffel symbols")
+_INCONSISTENT = Kind("motion.inconsistent", "disagreement", "derive C from M, by the Christoffel symbols")
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         q = np.zeros(len(names))
         qd = np.zeros(len(names))
         q[published] = rng.uniform(limits[:, 0], limits[:, 1])
-        qd[published] = rng.uniform(-1, 1, len(published)) * np.where(is_angle, *_RATES)
+        qd[published] = rng.uniform(-1, 1, len(published)) * np.where(is_angle, *_LARGEST_RATES)
         # joints that are not published stay at zero and at rest: so does their share of the efforts
         terms = evaluate(q[published], qd[published])
         # the published equations have no rotors
@@ -151,15 +151,17 @@ def _check_consistency(states: list[_State], result: JudgedForm) -> None:
         result.balance = max(result.balance, abs(power) / scale)
     if result.least <= 0:
         result.findings.append(
-            _BROKEN("mass matrix", "the smallest eigenvalue of M is not positive", Quantity(result.least, ""), 0.0)
+            _INCONSISTENT(
+                "mass matrix", "the smallest eigenvalue of M is not positive", Quantity(result.least, ""), 0.0
+            )
         )
-    if result.balance > _BALANCE:
+    if result.balance > _BALANCE_TOLERANCE:
         result.findings.append(
-            _BROKEN(
+            _INCONSISTENT(
                 "Coriolis term",
                 "qd^T (dM/dt - 2 C) qd is not zero; size relative to the largest term",
                 Quantity(result.balance, ""),
-                _BALANCE,
+                _BALANCE_TOLERANCE,
             )
         )
 
@@ -246,9 +248,9 @@ def _wrong_sign(form: ClosedForm, term: str, difference: Array, value: Array) ->
     if len(joints) == 1:
         i = joints[0]
         # with the other sign, the published value changes by minus twice itself
-        if _remaining_difference(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
+        if _remaining_difference(difference[:, i], -2 * value[:, i]) < _EXPLAINED_REMAINDER:
             return f"the sign of {term} of {form.joints[i]}"
-    if _remaining_difference(difference, -2 * value) < _EXPLAINED:
+    if _remaining_difference(difference, -2 * value) < _EXPLAINED_REMAINDER:
         return f"the sign of {term}"
     return ""
 
@@ -284,5 +286,5 @@ def _wrong_parameters(
         if not np.any(column):
             continue
         step = float(column @ difference / (column @ column))  # least squares
-        if _remaining_difference(difference, step * column) < _EXPLAINED:
+        if _remaining_difference(difference, step * column) < _EXPLAINED_REMAINDER:
             yield parameter.name, parameter.value + step, parameter.value, parameter.unit

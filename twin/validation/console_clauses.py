@@ -28,13 +28,13 @@ _ANGLE_ROUNDING = 1e-7  # rounding error in deg of a product of `_INCREMENTS` ro
 _ROLL_ROUNDING = 1e-9  # rounding error of a camera roll, in deg or mm^2
 _FORCE_ROUNDING = 1e-6  # rounding error of a force in N
 
-_LEVER = 1e-4
+_ANGLE_LEVER = 1e-4
 """Length in m by which an angle counts as a distance: `_POSITION_ROUNDING` then limits angles to 1e-8 rad."""
 
 _INCREMENTS = 10_000
 """Number of increments of a closed path: even an error of a rounding size in each of them would add up and be seen."""
 
-_SCALE = 0.5
+_MOTION_SCALE = 0.5
 """Motion scale of the clauses in which the scale matters; with 1, a missing scale would not be seen."""
 
 _CameraRolls = Callable[[Array, Array, Array, Array], tuple[float, float]]
@@ -101,11 +101,11 @@ class JudgedConsole(Protocol):
 def judge(console: JudgedConsole, progress: Progress = silent) -> ConsoleResult:
     """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
-    steps = len(_GROUPS) + 1
-    for i, (label, clauses_of_group) in enumerate(_GROUPS.items()):
+    steps = len(_CLAUSES_BY_LABEL) + 1
+    for i, (label, clauses_of_group) in enumerate(_CLAUSES_BY_LABEL.items()):
         progress(label, i / steps)
         clauses += clauses_of_group(console)
-    progress("closed loop", len(_GROUPS) / steps)
+    progress("closed loop", len(_CLAUSES_BY_LABEL) / steps)
     of_loop, path = _closed_loop(console)
     clauses += of_loop
     return ConsoleResult(
@@ -183,20 +183,19 @@ def _scaled_motion(console: JudgedConsole) -> Iterator[Clause]:
     P = _pose((50 * _MM, 0, 0))
     W_0 = _pose((0, 0, 0))
     W_1 = _pose((10 * _MM, 0, 0))
-    shift = console.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
-    deviation = float(np.linalg.norm(shift - [0, _SCALE * 10 * _MM, 0]))
+    shift = console.tool(P, W_0, W_1, T, _MOTION_SCALE)[:3, 3] - P[:3, 3]
+    deviation = float(np.linalg.norm(shift - [0, _MOTION_SCALE * 10 * _MM, 0]))
     yield _position_clause(
         "scale",
         "eq2",
         text=(
-            f"at scale {_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm along x of "
-            f"{{H}} "
-            "moves the tool 5 mm along y of {RB}"
+            f"at scale {_MOTION_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm "
+            "along x of {H} moves the tool 5 mm along y of {RB}"
         ),
         distance=deviation,
         violation=(
-            f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(shift)}) mm in "
-            f"{{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm"
+            f"at scale {_MOTION_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves "
+            f"({_position_text(shift)}) mm in {{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm"
         ),
         advice="use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
@@ -207,7 +206,7 @@ def _regrip(console: JudgedConsole) -> Iterator[Clause]:
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
     gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # handle pose after moving while declutched
-    engaged = console.tool(P, gripped, gripped, T, _SCALE)
+    engaged = console.tool(P, gripped, gripped, T, _MOTION_SCALE)
     jump, _ = _difference(P, engaged)
     yield _position_clause(
         "regrip",
@@ -218,7 +217,7 @@ def _regrip(console: JudgedConsole) -> Iterator[Clause]:
         advice="measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
-    deviation = _way_missed(console, engaged, gripped, step, T)
+    deviation = _displacement_error(console, engaged, gripped, step, T)
     yield _position_clause(
         "regrip.way",
         "eq2",
@@ -232,9 +231,9 @@ def _regrip(console: JudgedConsole) -> Iterator[Clause]:
     )
 
 
-def _way_missed(console: JudgedConsole, P: Array, W: Array, step: Array, T: Array) -> float:
+def _displacement_error(console: JudgedConsole, P: Array, W: Array, step: Array, T: Array) -> float:
     """Return by how far, in m, a tool at P misses the way of a hand that moves from W by `step` (3,) without scale."""
-    shift = console.tool(P, W, _shifted(W, step), T, 1.0)[:3, 3] - P[:3, 3]
+    shift = console.tool(P, W, _translated(W, step), T, 1.0)[:3, 3] - P[:3, 3]
     return float(np.linalg.norm(shift - T[:3, :3] @ step))
 
 
@@ -243,8 +242,8 @@ def _camera_motion(console: JudgedConsole) -> Iterator[Clause]:
     W = _pose((10 * _MM, 20 * _MM, 0))
     T_before = _pose((0, 0, 0))
     T_after = _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
-    P_before = console.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _SCALE)
-    P_after = console.tool(P_before, W, W, T_after, _SCALE)
+    P_before = console.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _MOTION_SCALE)
+    P_after = console.tool(P_before, W, W, T_after, _MOTION_SCALE)
     jump, _ = _difference(P_before, P_after)
     yield _position_clause(
         "camera.still",
@@ -255,7 +254,7 @@ def _camera_motion(console: JudgedConsole) -> Iterator[Clause]:
         advice="express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
     step = np.array([10 * _MM, 0, 0])
-    deviation = _way_missed(console, P_after, W, step, T_after)
+    deviation = _displacement_error(console, P_after, W, step, T_after)
     yield _position_clause(
         "camera.way",
         "eq2",
@@ -277,8 +276,10 @@ def _origin_of_hand(console: JudgedConsole) -> Iterator[Clause]:
     W_1 = _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
     # the same motion of the hand, seen from another origin of {H}
     origin = np.array([200 * _MM, 0, 0])
-    shifted = console.tool(P, _shifted(W_0, -origin), _shifted(W_1, -origin), T @ _pose(tuple(origin)), _SCALE)
-    deviation, _ = _difference(console.tool(P, W_0, W_1, T, _SCALE), shifted)
+    shifted = console.tool(
+        P, _translated(W_0, -origin), _translated(W_1, -origin), T @ _pose(tuple(origin)), _MOTION_SCALE
+    )
+    deviation, _ = _difference(console.tool(P, W_0, W_1, T, _MOTION_SCALE), shifted)
     yield _position_clause(
         "origin",
         "eq2",
@@ -298,13 +299,13 @@ def _left_handed_scene(console: JudgedConsole) -> Iterator[Clause]:
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
     W_0 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1))
     W_1 = _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
-    mirrored = S @ console.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
-    shift, turned = _difference(console.tool(P, W_0, W_1, T, _SCALE), mirrored)
+    mirrored = S @ console.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _MOTION_SCALE) @ S
+    shift, turned = _difference(console.tool(P, W_0, W_1, T, _MOTION_SCALE), mirrored)
     yield _position_clause(
         "left_handed",
         "eq2",
         text="in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
-        distance=shift + np.radians(turned) * _LEVER,
+        distance=shift + np.radians(turned) * _ANGLE_LEVER,
         violation=(
             f"in a left-handed scene the tool ends {shift / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose"
         ),
@@ -320,7 +321,7 @@ def _closed_loop(console: JudgedConsole) -> tuple[list[Clause], Array]:
     path = [P[:3, 3]]
     # increments of a console come one by one, each with its own rounding
     for before, after in pairwise(_closed_path()):
-        P = console.tool(P, before, after, T, _SCALE)
+        P = console.tool(P, before, after, T, _MOTION_SCALE)
         path.append(P[:3, 3])
     shift, turned = _difference(start, P)
     advice = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
@@ -572,9 +573,9 @@ def _error_definition(console: JudgedConsole) -> Iterator[Clause]:
     W_1 = _pose((40 * _MM, 0, 0), (0, 0, 0.2))
     T = _pose((0.1, 0, 0), (0, 0, np.pi / 2))
     P_required = P.copy()
-    P_required[:3, 3] += _SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
+    P_required[:3, 3] += _MOTION_SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
     P_required[:3, :3] = Rotation.from_rotvec(T[:3, :3] @ [0, 0, 0.2]).as_matrix() @ P[:3, :3]
-    error = console.error(P, P_required, W_0, W_1, T, _SCALE)
+    error = console.error(P, P_required, W_0, W_1, T, _MOTION_SCALE)
     shift = float(np.linalg.norm(error[:3, 3]))
     turned = _angle(error[:3, :3])
     yield _position_clause(
@@ -588,7 +589,7 @@ def _error_definition(console: JudgedConsole) -> Iterator[Clause]:
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     P_printed = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
     distance = float(np.linalg.norm(P_printed[:3, 3] - P[:3, 3]))
-    reported = float(np.linalg.norm(console.error(P, P_printed, W_0, W_0, T, _SCALE)[:3, 3]))
+    reported = float(np.linalg.norm(console.error(P, P_printed, W_0, W_0, T, _MOTION_SCALE)[:3, 3]))
     yield _position_clause(
         "error.blind",
         "eq7",
@@ -602,7 +603,7 @@ def _error_definition(console: JudgedConsole) -> Iterator[Clause]:
     )
 
 
-_GROUPS: dict[str, Callable[[JudgedConsole], Iterator[Clause]]] = {
+_CLAUSES_BY_LABEL: dict[str, Callable[[JudgedConsole], Iterator[Clause]]] = {
     "still": _hand_at_rest,
     "turn": _turn_of_hand,
     "way": _scaled_motion,
@@ -628,7 +629,7 @@ def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -
     return T
 
 
-def _shifted(W: Array, by: Array) -> Array:
+def _translated(W: Array, by: Array) -> Array:
     """Return a pose (4, 4) moved by a vector (3,) in m."""
     shifted = W.copy()
     shifted[:3, 3] += by
@@ -687,6 +688,6 @@ def _limited_clause(
     )
 
 
-def _triple(v: Array) -> str:
+def _position_text(v: Array) -> str:
     """Return a vector (3,) in m as text in mm."""
     return ", ".join(f"{x / _MM:.3f}" for x in v)

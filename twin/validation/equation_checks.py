@@ -30,10 +30,10 @@ from twin.validation.equations_comparison import (
     equation_of,
     named_with_variant,
 )
-from twin.validation.residual_rows import SampleClock, Tolerances, pose_rows, rotation_vectors, row, text
+from twin.validation.residual_rows import SampleClock, Tolerances, display_text, pose_rows, rotation_vectors, row
 from twin.validation.result import Residual, RowKind, headline
 
-COARSE = 10
+COARSE_STEP = 10
 """Joints, points, speeds and stage are compared at every tenth sample (coarse samples), tool and loops at all."""
 
 _RADIANS_PER_METRE = 10
@@ -41,7 +41,7 @@ _RADIANS_PER_METRE = 10
 so far."""
 
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
-_FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
+_FORWARD_DIFFERS = Kind("tool.forward", "disagreement", word="tolerance")
 
 
 def compare(
@@ -74,7 +74,7 @@ def compare(
     start_values = None
     if another_solution:
         start_values = q
-    comparison.posed = _posed(model, trajectory, comparison.coarse, q=start_values, progress=progress)
+    comparison.posed = _states_at_tool_poses(model, trajectory, comparison.coarse, q=start_values, progress=progress)
     compared = ComparedSamples(
         model=model,
         trajectory=trajectory,
@@ -115,7 +115,7 @@ def compare(
 def _coarse_indices(trajectory: Trajectory) -> Index:
     """Return the indices of the coarse samples, in increasing order."""
     count = len(trajectory.t)
-    every_tenth = range(0, count, COARSE)
+    every_tenth = range(0, count, COARSE_STEP)
     # with the ends of the phases, where a motion changes
     ends = [phase.stop for phase in trajectory.phases]
     return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
@@ -141,7 +141,7 @@ def _note_unsolved(kin: Kinematics, q: Array, comparison: EquationsComparison, c
     comparison.findings.append(no_answer)
 
 
-def _posed(
+def _states_at_tool_poses(
     model: ReferenceModel, trajectory: Trajectory, indices: Index, q: Array | None, progress: Progress
 ) -> SolvedSamples:
     """Return the states of the mechanism at the tool poses of the samples with the given indices.
@@ -357,7 +357,7 @@ def _note_q_at_cad_points(compared: ComparedSamples, kin: Kinematics, q: Array) 
     facts = compared.comparison.facts.setdefault("equations by themselves", {})
     facts[equation_of(kin, kin.joints)] = (
         "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
-        f"{text(difference, 'm')}"
+        f"{display_text(difference, 'm')}"
     )
 
 
@@ -445,7 +445,7 @@ def _check_forward(compared: ComparedSamples, kin: Kinematics) -> None:
         "A-B", "tool, forward", Ts=compared.posed.Ts_base_tool, others=Ts, limits=limits, clock=compared.coarse, note=by
     ):
         what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
-        compared.comparison.judge(residual, _FORWARD, what, "tool", cause=by)
+        compared.comparison.judge(residual, _FORWARD_DIFFERS, what, "tool", cause=by)
 
 
 def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) -> None:

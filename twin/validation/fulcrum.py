@@ -7,16 +7,16 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.planning.trajectory import Trajectory
 
-OUTSIDE = 0.1
+OUTER_POINT_DISTANCE = 0.1
 """Distance in m, along the shaft, from the trocar to the displayed outer point of the shaft."""
 
 
-def fulcrum(trajectory: Trajectory) -> Array:
+def sideways_motion(trajectory: Trajectory) -> Array:
     """Return the sideways motion (k, 2) in m of the tip and of a point of the shaft outside the patient.
 
-    The second point is at distance `OUTSIDE` from the trocar. Sideways motion is measured along one axis: of all axes
-    perpendicular to the mean shaft direction, the one with the largest motion of the tip. Samples without a trocar are
-    NaN.
+    The second point is at distance `OUTER_POINT_DISTANCE` from the trocar. Sideways motion is measured along one axis:
+    of all axes perpendicular to the mean shaft direction, the one with the largest motion of the tip. Samples without a
+    trocar are NaN.
     """
     rcm = trajectory.rcm
     inside = np.isfinite(rcm).all(axis=1) & (trajectory.depth > 0)
@@ -35,5 +35,5 @@ def fulcrum(trajectory: Trajectory) -> Array:
     # its sign is arbitrary: the largest component is made positive, so that curves look alike on every machine
     direction *= np.sign(direction[np.argmax(np.abs(direction))])
     # the tip moves inside, the outer point on the other side of the trocar
-    motion[inside] = np.column_stack([tip @ direction, -OUTSIDE * shaft @ direction])
+    motion[inside] = np.column_stack([tip @ direction, -OUTER_POINT_DISTANCE * shaft @ direction])
     return motion

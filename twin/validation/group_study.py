@@ -40,7 +40,7 @@ _STD_ROUNDING = 0.05
 
 
 @dataclass(frozen=True)
-class Recomputed:
+class CheckedTables:
     """Result of checking the tables of a study.
 
     Attributes:
@@ -62,7 +62,7 @@ SimulatedTurns = Callable[[AngleChain], tuple[JsonMapping, Sequence[float]]]
 """The same with rotations; the standard deviation is that of the error about x, y and z in degrees."""
 
 
-def recompute(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) -> Recomputed:
+def check_tables(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) -> CheckedTables:
     """Check the printed numbers of a user study with groups.
 
     Args:
@@ -73,17 +73,17 @@ def recompute(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) ->
     users = {group.name: group.users for group in tables.group}
     findings: list[Finding] = []
     for outcome in tables.outcome:
-        findings += _integers(outcome, users)
-    findings += _unpublished(tables)
-    findings += _corrected(tables)
+        findings += _check_integer_means(outcome, users)
+    findings += _note_unpublished_values(tables)
+    findings += _check_multiple_tests(tables)
     for printed_range in tables.range:
-        findings += _spans(printed_range, users)
+        findings += _check_ranges(printed_range, users)
     findings += printed_accuracy.check_rmse(tables.accuracy)
     for claim in tables.claim:
-        findings += _claim(claim, tables.outcome)
+        findings += _check_claim(claim, tables.outcome)
     for twice in tables.twice:
-        findings += _twice(twice)
-    comparisons, rows = _comparisons(tables, users)
+        findings += _check_repeated_numbers(twice)
+    comparisons, rows = _comparison_rows(tables, users)
     data: JsonObject = {"comparisons": comparisons, "accuracy": printed_accuracy.errors_as_data(tables.accuracy)}
     text_tables = [TextTable(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
     if tables.accuracy:
@@ -103,11 +103,11 @@ def recompute(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) ->
         printed = tables.accuracy_of(tables.angle_chain)
         findings += printed_accuracy.check_rotations(tables.angle_chain, printed, measured, stds)
     for priced in tables.sum:
-        findings += _sum(priced)
-    return Recomputed(text_tables, data, findings)
+        findings += _check_price_sum(priced)
+    return CheckedTables(text_tables, data, findings)
 
 
-def _comparisons(
+def _comparison_rows(
     tables: GroupTables, users: Mapping[str, int]
 ) -> tuple[list[JsonObject], list[tuple[str, str, str, str]]]:
     """Return (plain data, cells of a table) of the comparisons of groups, with the p-value of Welch's t-test."""
@@ -115,7 +115,7 @@ def _comparisons(
     rows: list[tuple[str, str, str, str]] = []
     for outcome in tables.outcome:
         for pair in outcome.compared:
-            p = _welch(outcome, pair.between, users)
+            p = _welch_p_value(outcome, pair.between, users)
             between = list(pair.between)
             data.append({"name": outcome.name, "between": between, "printed_p": pair.printed_p, "welch_p": p})
             printed = "not significant"
@@ -125,7 +125,7 @@ def _comparisons(
     return data, rows
 
 
-def _welch(outcome: GroupOutcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
+def _welch_p_value(outcome: GroupOutcome, between: tuple[str, str], users: Mapping[str, int]) -> float:
     """Return the p-value of Welch's t-test of two groups, which needs only mean, standard deviation and users."""
     from scipy import stats
 
@@ -142,7 +142,7 @@ def _welch(outcome: GroupOutcome, between: tuple[str, str], users: Mapping[str, 
     return float(test.pvalue)
 
 
-def _integers(outcome: GroupOutcome, users: Mapping[str, int]) -> Iterator[Finding]:
+def _check_integer_means(outcome: GroupOutcome, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each printed mean that is not the rounded mean of any set of integers."""
     if not outcome.items:
         return
@@ -168,7 +168,7 @@ def _integers(outcome: GroupOutcome, users: Mapping[str, int]) -> Iterator[Findi
         )
 
 
-def _compared(tables: GroupTables) -> list[tuple[str, ComparedPair]]:
+def _comparisons_of_groups(tables: GroupTables) -> list[tuple[str, ComparedPair]]:
     """Return (name of the outcome, pair) of each comparison of two groups."""
     comparisons: list[tuple[str, ComparedPair]] = []
     for outcome in tables.outcome:
@@ -177,10 +177,10 @@ def _compared(tables: GroupTables) -> list[tuple[str, ComparedPair]]:
     return comparisons
 
 
-def _unpublished(tables: GroupTables) -> Iterator[Finding]:
+def _note_unpublished_values(tables: GroupTables) -> Iterator[Finding]:
     """Yield a note if p-values are printed: they are from a rank test, which needs the data of every user."""
     count = 0
-    for _, pair in _compared(tables):
+    for _, pair in _comparisons_of_groups(tables):
         if pair.printed_p is not None:
             count += 1
     if count:
@@ -193,9 +193,9 @@ def _unpublished(tables: GroupTables) -> Iterator[Finding]:
         )
 
 
-def _corrected(tables: GroupTables) -> Iterator[Finding]:
+def _check_multiple_tests(tables: GroupTables) -> Iterator[Finding]:
     """Yield a finding if a printed p-value is not significant after Holm's correction."""
-    comparisons = _compared(tables)
+    comparisons = _comparisons_of_groups(tables)
     printed: list[tuple[float, str, tuple[str, str]]] = []
     for name, pair in comparisons:
         if pair.printed_p is not None:
@@ -226,7 +226,7 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
     )
 
 
-def _spans(printed: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
+def _check_ranges(printed: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each standard deviation below the minimum that is possible for the printed range and mean."""
     for group, n in users.items():
         mean = printed.mean[group]
@@ -268,7 +268,7 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
     return float(np.sqrt(variance))
 
 
-def _claim(claim: StatedMinimum, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
+def _check_claim(claim: StatedMinimum, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
     """Yield a finding if a mean is not above the number that a sentence of the paper states."""
     exceptions: list[str] = []
     means: list[float] = []
@@ -293,7 +293,7 @@ def _claim(claim: StatedMinimum, outcomes: Sequence[GroupOutcome]) -> Iterator[F
         )
 
 
-def _twice(t: RepeatedNumbers) -> Iterator[Finding]:
+def _check_repeated_numbers(t: RepeatedNumbers) -> Iterator[Finding]:
     """Yield a finding if numbers that the paper prints in several places differ between these places."""
     differing = [values for values in t.values if values != t.values[0]]
     if not differing:
@@ -310,7 +310,7 @@ def _twice(t: RepeatedNumbers) -> Iterator[Finding]:
     )
 
 
-def _sum(price_sum: PriceSum) -> Iterator[Finding]:
+def _check_price_sum(price_sum: PriceSum) -> Iterator[Finding]:
     """Yield a finding on a printed sum of prices: each price once, or as often as pieces are needed."""
     rounding = price_sum.rounded_to / 2
     prices: list[float] = []

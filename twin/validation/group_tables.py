@@ -10,11 +10,11 @@ from pydantic import Field, model_validator
 
 from twin.schema import Table, Vector, at, load_toml
 
-_LARGEST = 1e12  # of the numbers of a table; their squares and rounded multiples must not overflow
+_LARGEST_NUMBER = 1e12  # of the numbers of a table; their squares and rounded multiples must not overflow
 
-_ByGroup = dict[str, Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]]
+_ByGroup = dict[str, Annotated[float, Field(ge=-_LARGEST_NUMBER, le=_LARGEST_NUMBER)]]
 
-_Std = Annotated[float, Field(ge=0, le=_LARGEST)]
+_Std = Annotated[float, Field(ge=0, le=_LARGEST_NUMBER)]
 
 _StdByGroup = dict[str, _Std]
 
@@ -97,11 +97,11 @@ class AngleChain(Table):
     of: str
 
 
-class Priced(Table):
+class PricedPart(Table):
     """A part with its printed price, and the number of pieces that the text requires."""
 
     name: str
-    price: float = Field(ge=0, le=_LARGEST)
+    price: float = Field(ge=0, le=_LARGEST_NUMBER)
     pieces: int = Field(ge=1)
 
 
@@ -110,9 +110,9 @@ class PriceSum(Table):
 
     name: str
     unit: str
-    printed: float = Field(ge=0, le=_LARGEST)
-    rounded_to: float = Field(gt=0, le=_LARGEST)
-    part: list[Priced] = Field(min_length=1)
+    printed: float = Field(ge=0, le=_LARGEST_NUMBER)
+    rounded_to: float = Field(gt=0, le=_LARGEST_NUMBER)
+    part: list[PricedPart] = Field(min_length=1)
 
 
 class StatedMinimum(Table):

@@ -31,13 +31,13 @@ from twin.validation.result import Residual
 
 HEADING = "joint range"
 
-SLACK = 10.0
+TOLERANCE_FACTOR = 10.0
 """Factor on the tolerances of the protocol: singularities at the ends of the range magnify rounding errors."""
 
 _ANGLE_CHANGE = 0.4
 """Change in rad of an angle that selects one solution of a redundant mechanism."""
 
-_WHOLE = 0.98
+_WHOLE_RANGE_PART = 0.98
 """Fraction of a joint's range from which it counts as reached: finitely many states miss the very ends."""
 
 _DIFFERS = Kind(
@@ -46,7 +46,7 @@ _DIFFERS = Kind(
     "the equations are wrong in a part of the joint range: look for a quadrant (atan for atan2), a sign or a branch",
     word="tolerance",
 )
-_VANISHES = "the equations must hold for every value: look for a term that vanishes at the published value"
+_VANISHING_TERM_ADVICE = "the equations must hold for every value: look for a term that vanishes at the published value"
 _FOLLOWS = Kind("range.differs", "info", word="tolerance")
 _NO_ANSWER = Kind(
     "range.no_answer",
@@ -99,7 +99,9 @@ class RangeErrors:
         """Return (k,) bool: whether any equations have no result, or an error above the tolerance."""
         is_wrong = np.zeros(len(self.drawn.run.x), bool)
         for offset, turn in self.errors.values():
-            right = (offset <= SLACK * tolerances.position) & (turn <= SLACK * tolerances.rotation)
+            right = (offset <= TOLERANCE_FACTOR * tolerances.position) & (
+                turn <= TOLERANCE_FACTOR * tolerances.rotation
+            )
             is_wrong |= self.inside & ~right
         return is_wrong
 
@@ -118,7 +120,7 @@ def range_errors(
     Args:
         kin: the compiled equations.
         model: the reference model.
-        tolerances: see `SLACK`.
+        tolerances: see `TOLERANCE_FACTOR`.
         drawn: the states.
         free_angles: whether to evaluate `RangeErrors.other_values` too.
         reads: whether the inverse equations read the orientation; None: as `reads_orientation` finds at the states.
@@ -131,7 +133,7 @@ def range_errors(
         offset, turn, is_own_mode = _inverse_errors(kin, model, drawn, tolerances, reads)
         errors["inverse"] = offset, turn
     if kin.closed_forward:
-        errors["forward"] = _forward_errors(kin, drawn)
+        errors["forward"] = _forward_pose_errors(kin, drawn)
     other_values = {}
     angles = []
     if free_angles:
@@ -187,7 +189,7 @@ def whole_range(
         if residual.pair == "A-B" and not residual.agrees:
             wrong_before = residual.name
             break
-    judge = _Judge(
+    judge = _RangeJudge(
         drawn=errors.drawn,
         inside=inside,
         mechanism=model.mechanism,
@@ -318,7 +320,7 @@ def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
     return not (is_known.any() and zero.all())
 
 
-def _forward_errors(kin: Kinematics, range_states: JointRange) -> tuple[Array, Array]:
+def _forward_pose_errors(kin: Kinematics, range_states: JointRange) -> tuple[Array, Array]:
     """Return the errors (k,) in m and (k,) in rad of the tool poses of the forward equations; NaN without a pose."""
     true = range_states.run.Ts_base_tool
     Ts = kin.forward_many(range_states.run.q)
@@ -331,7 +333,7 @@ def _forward_errors(kin: Kinematics, range_states: JointRange) -> tuple[Array, A
 
 
 @dataclass(frozen=True)
-class _Judge:
+class _RangeJudge:
     """Turns errors at the states into rows and findings.
 
     Attributes:
@@ -361,8 +363,8 @@ class _Judge:
         judged = self.inside & ~np.isnan(offset)
         if not judged.any():
             return
-        position_limit = SLACK * self.tolerances.position
-        rotation_limit = SLACK * self.tolerances.rotation
+        position_limit = TOLERANCE_FACTOR * self.tolerances.position
+        rotation_limit = TOLERANCE_FACTOR * self.tolerances.rotation
         position = self._row(name, "m", offset, judged=judged, limit=position_limit)
         rotation = self._row(name, "rad", turn, judged=judged, limit=rotation_limit)
         self.comparison.residuals += [position, rotation]
@@ -382,8 +384,8 @@ class _Judge:
         kind = _FOLLOWS if self.wrong_before else _DIFFERS
         suggestion = ""
         if value and not self.wrong_before:
-            suggestion = _VANISHES
-        text = f"over the joint range, the {equations} are wrong at {_share(wrong, self.inside)}"
+            suggestion = _VANISHING_TERM_ADVICE
+        text = f"over the joint range, the {equations} are wrong at {_share_text(wrong, self.inside)}"
         finding = residual.finding(kind, text, suggestion=suggestion, when=self._state(worst), cause=stage)
         self.comparison.findings.append(finding)
 
@@ -399,7 +401,7 @@ class _Judge:
 
     def _without_value(self, kind: Kind, name: str, what: str, states: np.ndarray, cause: str) -> None:
         """Add a finding on what the equations do not give at states (k,) bool that the mechanism can take."""
-        text = f"over the joint range, {what} at {_share(states, self.inside)} that the mechanism can take"
+        text = f"over the joint range, {what} at {_share_text(states, self.inside)} that the mechanism can take"
         first = int(np.argmax(states))
         self.comparison.findings.append(kind(name, text, when=self._state(first), cause=cause))
 
@@ -435,7 +437,7 @@ class _Judge:
         return ", ".join(parts)
 
 
-def _share(states: np.ndarray, all_states: np.ndarray) -> str:
+def _share_text(states: np.ndarray, all_states: np.ndarray) -> str:
     """Return "n of k states (p %)"."""
     return f"{states.sum()} of {all_states.sum()} states ({100 * states.sum() / all_states.sum():.0f} %)"
 
@@ -453,7 +455,7 @@ def _facts(
         first = values[:, i].min() / scale
         last = values[:, i].max() / scale
         text = f"{first:.1f} .. {last:.1f} {unit}"
-        if range_states.share[i] < _WHOLE:
+        if range_states.share[i] < _WHOLE_RANGE_PART:
             low = range_states.low[i] / scale
             high = range_states.high[i] / scale
             text += f"; not reached: the rest of {low:.1f} .. {high:.1f} {unit}"

@@ -25,24 +25,24 @@ from twin.validation.baked_motion import (
     MotionSamples,
     baked_rows,
     clearance_facts,
-    measure,
-    samples,
-    written_rows,
+    existing_motion_rows,
+    measure_motion,
+    sampled_motion,
 )
-from twin.validation.case import PARTS, Case, Known, Part
+from twin.validation.case import PARTS, Case, KnownResults, Part
 from twin.validation.checked_plan import OTHERS
 from twin.validation.equation_checks import compare, tool_rates
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.fulcrum import fulcrum
+from twin.validation.fulcrum import sideways_motion
 from twin.validation.joint_range import whole_range
-from twin.validation.lengths import lengths, with_length_causes
+from twin.validation.lengths import check_lengths, with_length_causes
 from twin.validation.margins import check_equations_margins
-from twin.validation.residual_rows import pose_rows, row, text
+from twin.validation.residual_rows import display_text, pose_rows, row
 from twin.validation.result import Report
-from twin.validation.stage_content import content
-from twin.validation.trajectory_checks import about_rcm, of_protocol, passage, passive_limits
-from twin.validation.trocar_methods import three_methods
-from twin.validation.trocars import as_written, through_trocars
+from twin.validation.stage_content import compare_content
+from twin.validation.trajectory_checks import check_between_samples, check_passive_limits, check_protocol, check_rcm
+from twin.validation.trocar_methods import compare_three_methods
+from twin.validation.trocars import check_shafts_through_trocars, check_written_trocars
 from twin.validation.unit_mistakes import parts_apart
 
 _NO_EQUATIONS = info(
@@ -52,14 +52,14 @@ _NO_EQUATIONS = info(
     suggestion="write `inverse` or `forward` in formula.py",
 )
 
-_STAGE = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")
+_STAGE_DIFFERS = Kind("stage.differs", "disagreement", "rebuild the stage with `twin build`", word="tolerance")
 
 
 def judge(
     case: Case,
     progress: Progress = silent,
     parts: frozenset[Part] = PARTS,
-    known: Known | None = None,
+    known: KnownResults | None = None,
 ) -> Report:
     """Run the validation of one robot along one trajectory and return the report.
 
@@ -68,14 +68,14 @@ def judge(
     """
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
-    known = known or Known()
+    known = known or KnownResults()
     comparison = known.comparison or EquationsComparison()
-    motion_samples = samples(trajectory, case.motion)
+    motion_samples = sampled_motion(trajectory, case.motion)
     # The baked motion and the clearances do not depend on the equations: another process computes them in parallel.
     # Without meshes there are no clearances, and the start of a process takes longer than the rest.
     measuring: contextlib.AbstractContextManager[Call | None] = contextlib.nullcontext()
     if "motion" in parts and known.measured is None and _has_meshes(mechanism):
-        measuring = Call(measure, mechanism, motion_samples, case.written)
+        measuring = Call(measure_motion, mechanism, motion_samples, case.written)
     with measuring as call:
         try:
             if "equations" in parts:
@@ -87,24 +87,24 @@ def judge(
                     tolerances=case.tolerances,
                     progress=progress,
                 )
-                _equations(case, comparison, progress)
+                _judge_equations(case, comparison, progress)
             if "stage" in parts:
-                _stage(case, comparison, progress)
+                _judge_stage(case, comparison, progress)
             if "motion" in parts:
                 progress("baked motion, clearance", 0.0)
                 measured = known.measured
                 if call is not None:
                     measured = call.result()
                 if measured is None:
-                    measured = measure(mechanism, motion_samples, case.written)
-                _motion(measured, motion_samples, case, comparison)
+                    measured = measure_motion(mechanism, motion_samples, case.written)
+                _judge_motion(measured, motion_samples, case, comparison)
         except AssemblyError as error:
-            comparison.findings.append(_cannot_take(mechanism, error))
-    _curves(comparison, trajectory)
+            comparison.findings.append(_unreachable_poses(mechanism, error))
+    _add_curves(comparison, trajectory)
     comparison.facts["mechanism"] = _mechanism_facts(case.model)
     findings = [*case.cad.findings]
     if "protocol" in parts:
-        findings += of_protocol(case, comparison)
+        findings += check_protocol(case, comparison)
     findings += comparison.findings
     return _report(case, comparison, findings, parts)
 
@@ -113,26 +113,26 @@ def _has_meshes(mechanism: Mechanism) -> bool:
     return any(body.meshes for body in mechanism.bodies)
 
 
-def _equations(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
+def _judge_equations(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
     """Run the judges of the equations and of the RCM, and add their rows and findings to `comparison`."""
     kin = case.kinematics
     if kin is None:
         comparison.findings.append(_NO_EQUATIONS)
     else:
-        rows, findings = lengths(kin, case.cad, case.clock, case.tolerances)
+        rows, findings = check_lengths(kin, case.cad, case.clock, case.tolerances)
         # lengths first: they are inputs of the equations
         comparison.residuals[:0] = rows
         comparison.findings[:] = [*findings, *with_length_causes(kin, findings, comparison.findings)]
-    about_rcm(case, comparison)
-    through_trocars(case, comparison)
-    passive_limits(case, comparison)
-    passage(case, comparison)
+    check_rcm(case, comparison)
+    check_shafts_through_trocars(case, comparison)
+    check_passive_limits(case, comparison)
+    check_between_samples(case, comparison)
     if kin is not None:
         progress("reach and singularity measures", 0.0)
         check_equations_margins(kin, case.model, case.tolerances, comparison)
         progress("joint range", 0.0)
         whole_range(kin, case.model, case.tolerances, comparison)
-        three_methods(case, comparison)
+        compare_three_methods(case, comparison)
 
 
 def _report(case: Case, comparison: EquationsComparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
@@ -146,7 +146,7 @@ def _report(case: Case, comparison: EquationsComparison, findings: list[Finding]
     if kin is not None:
         source = kin.formula.source
         variants = dict(kin.variants)
-        reasons = _reasons(kin)
+        reasons = _variant_reasons(kin)
         parameters += kin.formula.parameters
     parameters += mechanism.parameters
     of_protocol = tuple(case.protocol.parameters())
@@ -167,14 +167,14 @@ def _report(case: Case, comparison: EquationsComparison, findings: list[Finding]
         of_protocol=of_protocol,
         facts=comparison.facts,
         tables=comparison.tables,
-        environment=_environment(case, parts),
+        environment=_environment_facts(case, parts),
         joint_names=trajectory.joint_names,
         series=comparison.series,
         angles=frozenset(joint.name for joint in mechanism.joints if joint.is_angle),
     )
 
 
-def _reasons(kin: Kinematics) -> dict[str, str]:
+def _variant_reasons(kin: Kinematics) -> dict[str, str]:
     reasons: dict[str, str] = {}
     for equation in kin.formula.equations:
         if equation.stage == "helper":
@@ -184,7 +184,7 @@ def _reasons(kin: Kinematics) -> dict[str, str]:
     return reasons
 
 
-def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
+def _unreachable_poses(mechanism: Mechanism, error: AssemblyError) -> Finding:
     return disagreement(
         "mechanism.no_assembly",
         mechanism.name,
@@ -193,7 +193,7 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
     )
 
 
-def _curves(comparison: EquationsComparison, trajectory: Trajectory) -> None:
+def _add_curves(comparison: EquationsComparison, trajectory: Trajectory) -> None:
     v_tool, a_tool = tool_rates(trajectory)
     angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
     comparison.series.setdefault("q", trajectory.q)
@@ -206,7 +206,7 @@ def _curves(comparison: EquationsComparison, trajectory: Trajectory) -> None:
         "a_tool": a_tool,
         "angles": np.unwrap(angles, axis=0),
         "rcm_error": trajectory.rcm_error,
-        "fulcrum": fulcrum(trajectory),
+        "fulcrum": sideways_motion(trajectory),
         "limit_margin": trajectory.limit_margin.min(axis=1),
     }
     for name, values in trajectory.singularity.items():
@@ -235,7 +235,7 @@ def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     return facts
 
 
-def _stage(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
+def _judge_stage(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
     """Compare the stage's mechanism (C) with the CAD's mechanism (B), both by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.read import read_stage
@@ -252,7 +252,7 @@ def _stage(case: Case, comparison: EquationsComparison, progress: Progress) -> N
             if name in stage.trocars:
                 trocars[name] = place
         stage = stage.with_trocars(trocars)
-        comparison.findings += content(case.cad.mechanism, stage, case.cad.description)
+        comparison.findings += compare_content(case.cad.mechanism, stage, case.cad.description)
         stage_model = ReferenceModel(stage)
         back = stage_model.run(run.q, progress=lambda part: progress("stage read back", part))
     except (StageError, AssemblyError) as error:
@@ -262,8 +262,9 @@ def _stage(case: Case, comparison: EquationsComparison, progress: Progress) -> N
     position_std, rotation_std = spread.expected
     position_bound, rotation_bound = spread.bound
     note = (
-        f"single precision causes an error of {text(position_std, 'm')} and {text(rotation_std, 'rad')} "
-        f"(standard deviation; at most {text(position_bound, 'm')}, {text(rotation_bound, 'rad')})"
+        f"single precision causes an error of {display_text(position_std, 'm')} and "
+        f"{display_text(rotation_std, 'rad')} (standard deviation; at most {display_text(position_bound, 'm')}, "
+        f"{display_text(rotation_bound, 'rad')})"
     )
     comparison.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
     clock = case.clock.at(comparison.coarse)
@@ -272,7 +273,7 @@ def _stage(case: Case, comparison: EquationsComparison, progress: Progress) -> N
         "B-C", "tool", Ts=run.Ts_base_tool, others=back.Ts_base_tool, limits=limits, clock=clock, note=note
     ):
         what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
-        comparison.judge(residual, _STAGE, what, case.stage.name)
+        comparison.judge(residual, _STAGE_DIFFERS, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         gaps = back.gaps[:, i, 0]
         comparison.residuals.append(
@@ -292,10 +293,10 @@ def _check_files(case: Case, comparison: EquationsComparison) -> None:
     for finding in check_stage(case.written):
         if (finding.code, finding.where) not in reported:
             comparison.findings.append(finding)
-    comparison.findings += as_written(case)
+    comparison.findings += check_written_trocars(case)
 
 
-def _motion(
+def _judge_motion(
     measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, comparison: EquationsComparison
 ) -> None:
     """Add the findings and curves of the baked motion and of the clearances to `comparison`."""
@@ -304,7 +305,7 @@ def _motion(
     comparison.residuals += rows
     comparison.findings += findings
     if measured.written is not None:
-        rows, findings = written_rows(
+        rows, findings = existing_motion_rows(
             measured.written, motion_samples, phases=phases, tolerances=case.tolerances, due=case.baked_for_it
         )
         comparison.residuals += rows
@@ -319,7 +320,7 @@ def _motion(
         comparison.series["clearance"] = measured.clearance.distance
 
 
-def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:
+def _environment_facts(case: Case, parts: frozenset[Part]) -> dict[str, str]:
     """Return the machine, and the versions of the packages that planned and judged."""
     mechanism = case.cad.mechanism
     timed_by: list[Solver] = []

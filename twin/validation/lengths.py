@@ -33,7 +33,7 @@ def check_parameters(kin: Kinematics, description: Description) -> None:
             )
 
 
-def lengths(
+def check_lengths(
     kin: Kinematics, cad: CadModel, clock: SampleClock, tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
     """Return a row for each length declared in the description, and a finding for each length that differs.

@@ -22,7 +22,7 @@ from twin.reference.margin_zeros import Boundary, disagreements, summary
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.residual_rows import SampleClock, Tolerances
 
-SINGULAR = 1e-6
+SINGULAR_CONDITIONING = 1e-6
 """Conditioning (0: singular, 1: best) below which a Jacobian of the mechanism counts as singular."""
 
 _JUMP_RATIO = 8.0
@@ -34,17 +34,19 @@ _LARGEST_PLAIN_TURN = 2 * DEG
 _LARGEST_PLAIN_SLIDE = 2 * MM
 """Step in m that is no jump, however small its neighbours are."""
 
-_SINGULAR = Kind(
+_BECOMES_SINGULAR = Kind(
     "singularity.mechanism",
     "disagreement",
     "plan the path at a larger distance from this pose: the assembly mode may change there",
 )
-_JUMP = Kind(
+_BRANCH_JUMPS = Kind(
     "branch.jump", "disagreement", "plan the path at a larger distance from this pose", word="expected at most"
 )
 
 
-def margins(trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: SampleClock) -> dict[str, str]:
+def margin_texts(
+    trajectory: Trajectory, mechanism: Mechanism, paths: PathKinematics, clock: SampleClock
+) -> dict[str, str]:
     """Return texts with minimum margin and time, by name of the joint, motor, gap, reach or singularity measure.
 
     The joint limits are from the mechanism, all other quantities from `paths`.
@@ -115,7 +117,7 @@ def _motor_margin(trajectory: Trajectory, motors: MotorLimits, i: int, clock: Sa
     return f"{position}maximum speed {rates[fastest] / scale:.4g}{limit} {unit}/s, {clock.when(fastest)}"
 
 
-def of_mechanism(
+def mechanism_margins(
     model: ReferenceModel, posed: SolvedSamples, rows: Index, clock: SampleClock
 ) -> tuple[dict[str, str], list[Finding], dict[str, Array]]:
     """Return (facts as text, findings, curves) on the mechanism's distance from singularities, without the equations.
@@ -136,22 +138,26 @@ def of_mechanism(
             continue
         k = int(np.nanargmin(values))
         facts[name] = f"{values[k]:.4f} (0: singular, 1: best), {at.when(k)}"
-        if values[k] < SINGULAR:
+        if values[k] < SINGULAR_CONDITIONING:
             what = f"the mechanism becomes singular ({words}): conditioning (0: singular, 1: best)"
-            findings.append(_SINGULAR(model.mechanism.name, what, Quantity(values[k]), SINGULAR, when=at.when(k)))
-    findings += _jumps(model, posed, at)
+            findings.append(
+                _BECOMES_SINGULAR(
+                    model.mechanism.name, what, Quantity(values[k]), SINGULAR_CONDITIONING, when=at.when(k)
+                )
+            )
+    findings += _passive_jumps(model, posed, at)
     return facts, findings, {"conditioning.type1": conditions.stands, "conditioning.type2": conditions.moves}
 
 
-def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list[Finding]:
+def _passive_jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list[Finding]:
     """Return a finding for each passive joint with an unusually large step between neighbouring samples.
 
     Steps in which a driven joint also jumps (samples far apart) are skipped.
     """
     findings: list[Finding] = []
     driven_steps = np.abs(np.diff(posed.q, axis=0))
-    driven_floors = [_floor(joint.is_angle) for joint in model.mechanism.active]
-    driven_jumps = np.any(driven_steps > _usual(driven_steps) + driven_floors, axis=1)
+    driven_floors = [_largest_plain_step(joint.is_angle) for joint in model.mechanism.active]
+    driven_jumps = np.any(driven_steps > _usual_steps(driven_steps) + driven_floors, axis=1)
     for joint in model.mechanism.passive:
         q = posed.q_passive[joint.name]
         if joint.is_angle:
@@ -159,26 +165,26 @@ def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list
         if len(q) < 4:  # three steps: one, with a neighbour on either side
             continue
         steps = np.abs(np.diff(q))
-        usual = _usual(steps)
+        usual = _usual_steps(steps)
         excess = np.where(driven_jumps, -np.inf, steps - usual)
         k = int(np.argmax(excess))
-        if driven_jumps[k] or steps[k] <= usual[k] + _floor(joint.is_angle):
+        if driven_jumps[k] or steps[k] <= usual[k] + _largest_plain_step(joint.is_angle):
             continue
         what = f"passive joint {joint.name} jumps between two samples: the mechanism changes its assembly mode"
         size = moved(steps[k], joint.is_angle)
         limit = moved(usual[k], joint.is_angle)
-        findings.append(_JUMP(joint.name, what, size, limit, when=at.when(k + 1)))
+        findings.append(_BRANCH_JUMPS(joint.name, what, size, limit, when=at.when(k + 1)))
     return findings
 
 
-def _floor(is_angle: bool) -> float:
+def _largest_plain_step(is_angle: bool) -> float:
     """Return a step in rad or m that is never a jump, however small its neighbours are."""
     if is_angle:
         return _LARGEST_PLAIN_TURN
     return _LARGEST_PLAIN_SLIDE
 
 
-def _usual(steps: Array) -> Array:
+def _usual_steps(steps: Array) -> Array:
     """Return an upper limit for each step (k, ...): `_JUMP_RATIO` times the larger neighbouring step."""
     before = np.concatenate([steps[:1], steps[:-1]])
     after = np.concatenate([steps[1:], steps[-1:]])
@@ -194,7 +200,7 @@ def check_equations_margins(
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return
     heading = "reach, singularity measures, aspects"
-    if _disagrees(comparison):
+    if _equations_disagree(comparison):
         comparison.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
         return
     is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
@@ -205,7 +211,7 @@ def check_equations_margins(
     comparison.findings += disagreements(rows)
 
 
-def _disagrees(comparison: EquationsComparison) -> bool:
+def _equations_disagree(comparison: EquationsComparison) -> bool:
     """Return whether the equations disagree with the mechanism in a row, or give no joint values."""
     for row in comparison.residuals:
         if row.pair == "A-B" and not row.agrees:

@@ -17,10 +17,10 @@ from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.validation.group_tables import Accuracy, AccuracyChain, AngleChain, half_digit
 
-_EXACT = 1e-6
+_LARGEST_EXACT_ERROR = 1e-6
 """Error in mm or deg from which the equations themselves are wrong; rounding errors are far smaller."""
 
-_CONFIDENCE = 0.99
+_STD_QUANTILE = 0.99
 """A printed standard deviation above this quantile of the simulated ones is not explained by the resolution."""
 
 
@@ -153,13 +153,13 @@ def check_displacements(
 
 def _check_unquantised(chain: str, device: str, largest: Quantity) -> Iterator[Finding]:
     """Yield a finding if the equations have an error with an exact device; `largest` is the largest error."""
-    if largest.value >= _EXACT:
+    if largest.value >= _LARGEST_EXACT_ERROR:
         yield disagreement(
             "study.chain",
             chain,
             f"the equations have an error even with an exact {device} (no quantisation): largest error",
             size=largest,
-            limit=_EXACT,
+            limit=_LARGEST_EXACT_ERROR,
             suggestion="judge the equations of the console: twin console davinci",
         )
 
@@ -179,7 +179,7 @@ def _std_percentile(samples: int) -> float:
 
     # (n - 1) s^2 / sigma^2 of normal values has a chi-square distribution
     freedom = samples - 1
-    return float(np.sqrt(stats.chi2.ppf(_CONFIDENCE, freedom) / freedom))
+    return float(np.sqrt(stats.chi2.ppf(_STD_QUANTILE, freedom) / freedom))
 
 
 def check_rotations(

@@ -15,11 +15,11 @@ from twin.core.errors import DescriptionError, TwinError
 from twin.core.findings import Finding, info
 from twin.schema import Identifier, Table, at, load_toml
 
-BEFORE = "before_"
+BEFORE_PREFIX = "before_"
 """Prefix of the columns of a questionnaire that was answered before a session as well."""
 
 
-class Item(Table):
+class QuestionItem(Table):
     """A question, the scales to which it belongs, and whether a high answer lowers these scales (`reversed`)."""
 
     name: str
@@ -27,14 +27,14 @@ class Item(Table):
     reversed: bool = False
 
 
-class Total(Table):
+class TotalScore(Table):
     """The total score: `weight` times the sum of all scales, where each scale is the plain sum of its items."""
 
     name: Identifier
     weight: float = Field(gt=0)
 
 
-class Weighted(Table):
+class WeightedScore(Table):
     """A score in which each item has a weight: how often it was chosen in comparisons of all pairs of items.
 
     The score is the sum of weight times value, divided by the number of comparisons, which is the sum of the weights.
@@ -44,7 +44,7 @@ class Weighted(Table):
     comparisons: int = Field(gt=0)
 
 
-class Key(Table):
+class QuestionnaireKey(Table):
     """The key of a questionnaire.
 
     An answer is a number from `low` to `high`, in steps of `step`; its value is answer - `zero`, or `zero` - answer for
@@ -61,10 +61,10 @@ class Key(Table):
     step: int = Field(1, gt=0)
     zero: int
     combine: Literal["sum", "mean"]
-    item: list[Item] = Field(min_length=1)
+    item: list[QuestionItem] = Field(min_length=1)
     scale: dict[Identifier, float]
-    total: Total | None = None
-    weighted: Weighted | None = None
+    total: TotalScore | None = None
+    weighted: WeightedScore | None = None
     ends: tuple[str, str] = ("low", "high")
 
     @property
@@ -82,7 +82,7 @@ class Key(Table):
         return [f"{self.name}_w{number}" for number in numbers]
 
     @model_validator(mode="after")
-    def _are_scales_known(self) -> Key:
+    def _are_scales_known(self) -> QuestionnaireKey:
         """Check that each item belongs to scales of the questionnaire."""
         for i, item in enumerate(self.item):
             unknown = set(item.scales) - set(self.scale)
@@ -162,22 +162,22 @@ class Key(Table):
         return total / self.weighted.comparisons
 
 
-def keys() -> list[Key]:
+def keys() -> list[QuestionnaireKey]:
     """Return the key of every questionnaire that can be scored.
 
     Raises:
         DescriptionError: a file is invalid.
     """
     folder = assets.data_folder() / "trajectories" / "davinci" / "questionnaire"
-    return [load_toml(path, Key) for path in sorted(folder.glob("*.toml"))]
+    return [load_toml(path, QuestionnaireKey) for path in sorted(folder.glob("*.toml"))]
 
 
-def _asked() -> list[Key]:
+def _keys_of_columns() -> list[QuestionnaireKey]:
     """Return the keys for columns of tables: each also with the prefix of what was answered before a session."""
     table_keys = keys()
     for key in keys():
         title = f"{key.title}, before the session"
-        table_keys.append(key.model_copy(update={"name": f"{BEFORE}{key.name}", "title": title}))
+        table_keys.append(key.model_copy(update={"name": f"{BEFORE_PREFIX}{key.name}", "title": title}))
     return table_keys
 
 
@@ -196,7 +196,7 @@ def scored(
     for name, values in columns.items():
         table[name] = list(values)
     findings: list[Finding] = []
-    for key in _asked():
+    for key in _keys_of_columns():
         answered = []
         for name in columns:
             if re.fullmatch(rf"{key.name}_w?\d+", name):
@@ -216,31 +216,35 @@ def scored(
     return table, findings
 
 
-def _has_weights(key: Key, columns: Mapping[str, Sequence[float]]) -> bool:
+def _has_weights(key: QuestionnaireKey, columns: Mapping[str, Sequence[float]]) -> bool:
     """Return whether a table has weights for a questionnaire."""
     return any(name in columns for name in key.weight_columns)
 
 
-def _scores_of_users(key: Key, columns: Mapping[str, Sequence[float]], users: int) -> dict[str, list[float]]:
+def _scores_of_users(
+    key: QuestionnaireKey, columns: Mapping[str, Sequence[float]], users: int
+) -> dict[str, list[float]]:
     """Return {score: its value for each user} of one questionnaire, from a table with `users` rows."""
     scores: dict[str, list[float]] = {}
     for user in range(users):
-        answers = _cells(columns, key.columns, user)
+        answers = _numbers_of_user(columns, key.columns, user)
         for score, value in key.scores(answers).items():
             scores.setdefault(score, []).append(value)
         if key.weighted is not None and _has_weights(key, columns):
-            weights = _cells(columns, key.weight_columns, user)
+            weights = _numbers_of_user(columns, key.weight_columns, user)
             weighted = key.weighted_score(answers, weights)
             scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
     return scores
 
 
-def _cells(columns: Mapping[str, Sequence[float]], names: Sequence[str], user: int) -> list[float]:
+def _numbers_of_user(columns: Mapping[str, Sequence[float]], names: Sequence[str], user: int) -> list[float]:
     """Return the numbers of one user in the columns `names` of a table."""
     return [columns[name][user] for name in names]
 
 
-def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:
+def _check_columns(
+    path: Path, key: QuestionnaireKey, columns: Mapping[str, Sequence[float]], answered: Sequence[str]
+) -> None:
     """Raise an error if the table lacks a column of a questionnaire, or has more columns than it has items."""
     title = key.name.upper()
     needed = list(key.columns)
@@ -260,7 +264,9 @@ def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
             raise DescriptionError(f"{path}:1: {title} has {len(key.item)} items; {name} is not an item")
 
 
-def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]], lines: Sequence[int]) -> None:
+def _check_answers(
+    path: Path, key: QuestionnaireKey, columns: Mapping[str, Sequence[float]], lines: Sequence[int]
+) -> None:
     """Raise an error if an answer is not an integer in the range of the questionnaire."""
     for name in key.columns:
         for value, line in zip(columns[name], lines, strict=True):
@@ -273,7 +279,7 @@ def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
         return
     most = len(key.item) - 1
     for user, line in enumerate(lines):
-        weights = _cells(columns, key.weight_columns, user)
+        weights = _numbers_of_user(columns, key.weight_columns, user)
         for name, weight in zip(key.weight_columns, weights, strict=True):
             allowed = math.isfinite(weight) and weight == int(weight) and 0 <= weight <= most
             if not math.isnan(weight) and not allowed:

@@ -23,14 +23,14 @@ from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.reference import ReferenceModel
 from twin.reference.joint_range import JointRange, draws, ends, within_limits
 from twin.reference.loop_closing import Closing
-from twin.validation.joint_range import SLACK, beyond_reach, range_errors, reads_orientation
-from twin.validation.range_samples_result import CONFIRMED, JudgedStage, RangeSamples
+from twin.validation.joint_range import TOLERANCE_FACTOR, beyond_reach, range_errors, reads_orientation
+from twin.validation.range_samples_result import CONFIRMED_STATES, JudgedStage, RangeSamples
 from twin.validation.residual_rows import Tolerances
 
 _BLOCK_STATES = 1 << 18
 """Number of states that are computed together: more of them need more memory, and are not faster."""
 
-_MAX_EXAMINED = 256
+_MOST_EXAMINED = 256
 """Maximum number of suspected states that the reference model judges, spread evenly over all."""
 
 _PILOT_STATES = 2048
@@ -75,16 +75,16 @@ class SuspectReservoir:
         # by the number of the state, not at random: the result must be the same in every run
         new = q[numbers % self._every == 0]
         self._kept = new if self._kept is None else np.concatenate([self._kept, new])
-        while len(self._kept) > 2 * _MAX_EXAMINED:
+        while len(self._kept) > 2 * _MOST_EXAMINED:
             self._kept = self._kept[::2]
             self._every *= 2
 
     def chosen(self) -> Array | None:
-        """Return joint values (s, n) of at most `_MAX_EXAMINED` states; None if none was found."""
+        """Return joint values (s, n) of at most `_MOST_EXAMINED` states; None if none was found."""
         stored = self._kept
-        if stored is None or len(stored) <= _MAX_EXAMINED:
+        if stored is None or len(stored) <= _MOST_EXAMINED:
             return stored
-        return stored[np.linspace(0, len(stored) - 1, _MAX_EXAMINED).astype(int)]
+        return stored[np.linspace(0, len(stored) - 1, _MOST_EXAMINED).astype(int)]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class _WorstSuspect:
 
 
 @dataclass
-class _Tally:
+class _StageTally:
     """What the kernels have found about one stage so far."""
 
     judged: int = 0
@@ -107,7 +107,7 @@ class _Tally:
 
     def add(self, q: Array, offset: Array, turn: Array, tolerances: Tolerances) -> np.ndarray:
         """Add errors (k,) in m and rad at joint values q (k, n); return (k,) bool: whether a state is suspected."""
-        right = (offset <= SLACK * tolerances.position) & (turn <= SLACK * tolerances.rotation)
+        right = (offset <= TOLERANCE_FACTOR * tolerances.position) & (turn <= TOLERANCE_FACTOR * tolerances.rotation)
         self.judged += len(q)
         if right.any():
             self.position = max(self.position or 0.0, float(offset[right].max()))
@@ -129,13 +129,13 @@ class _Tally:
             self.worst = _WorstSuspect(float(size[largest]), q[largest].copy())
 
     def examined(self, joints: int) -> Array:
-        """Return joint values (s, joints) of at most `_MAX_EXAMINED` suspects, with the largest error among them."""
+        """Return joint values (s, joints) of at most `_MOST_EXAMINED` suspects, with the largest error among them."""
         chosen = self.suspects.chosen()
         if chosen is None:
             return np.zeros((0, joints))
         # the spread may have left the worst suspect out, whose error the report states
         if self.worst is not None and not (chosen == self.worst.q).all(axis=1).any():
-            chosen = np.concatenate([self.worst.q[None], chosen[: _MAX_EXAMINED - 1]])
+            chosen = np.concatenate([self.worst.q[None], chosen[: _MOST_EXAMINED - 1]])
         return chosen
 
 
@@ -161,7 +161,7 @@ class SampledRange:
 
     def judge(self, samples: int, progress: Progress) -> RangeSamples:
         """Return the comparison at `samples` states; always the same states for the same number."""
-        tallies = {key: _Tally() for key in self._stages()}
+        tallies = {key: _StageTally() for key in self._stages()}
         possible_count = 0
         beyond_count = 0
         unsuspected_count = 0
@@ -181,18 +181,18 @@ class SampledRange:
             )
             unsuspected_count += int((~suspected).sum())
             # the first ones suffice: draws with low discrepancy cover the whole range from the beginning
-            if len(unsuspected) < CONFIRMED:
-                unsuspected = np.concatenate([unsuspected, q[rows[~suspected]][:CONFIRMED]])
+            if len(unsuspected) < CONFIRMED_STATES:
+                unsuspected = np.concatenate([unsuspected, q[rows[~suspected]][:CONFIRMED_STATES]])
             progress(f"{samples:.3g} states", last / samples)
         progress("reference model", 0.0)
-        confirmed, stages = self._judged_stages(tallies, unsuspected[:CONFIRMED])
+        confirmed, stages = self._judged_stages(tallies, unsuspected[:CONFIRMED_STATES])
         return RangeSamples(
             robot=self.robot,
             samples=samples,
             on_lines=self._on_lines,
             possible=possible_count,
             beyond=beyond_count,
-            tolerance=(SLACK * self.tolerances.position, SLACK * self.tolerances.rotation),
+            tolerance=(TOLERANCE_FACTOR * self.tolerances.position, TOLERANCE_FACTOR * self.tolerances.rotation),
             stages=stages,
             unsuspected=unsuspected_count,
             confirmed=confirmed,
@@ -269,7 +269,7 @@ class SampledRange:
         Ts: Array,
         states: Array,
         without_margin: dict[str, np.ndarray],
-        tallies: dict[StageKey, _Tally],
+        tallies: dict[StageKey, _StageTally],
     ) -> np.ndarray:
         """Compare the equations at states of the mechanism; return (k,) bool: whether a state is suspected."""
         suspected = np.zeros(len(q), bool)
@@ -316,7 +316,7 @@ class SampledRange:
         return offset, turn
 
     def _judged_stages(
-        self, tallies: dict[StageKey, _Tally], unsuspected: Array
+        self, tallies: dict[StageKey, _StageTally], unsuspected: Array
     ) -> tuple[int, tuple[JudgedStage, ...]]:
         """Return (number of unsuspected states that the reference model judged, what it finds about each stage).
 
@@ -379,11 +379,13 @@ class SampledRange:
         return reference_errors.drawn.run.q[inside], errors
 
     def _stage_result(
-        self, key: StageKey, tally: _Tally, examined: int, q: Array, offset: Array, turn: Array
+        self, key: StageKey, tally: _StageTally, examined: int, q: Array, offset: Array, turn: Array
     ) -> JudgedStage:
         """Return what was found, given the reference model's errors (s,) in m and rad at joint values q (s, n)."""
         missing = np.isnan(offset)
-        right = (offset <= SLACK * self.tolerances.position) & (turn <= SLACK * self.tolerances.rotation)
+        right = (offset <= TOLERANCE_FACTOR * self.tolerances.position) & (
+            turn <= TOLERANCE_FACTOR * self.tolerances.rotation
+        )
         wrong = np.flatnonzero(~missing & ~right)
         worst = None
         if len(wrong):

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
 
-CONFIRMED = 64
+CONFIRMED_STATES = 64
 """Number of states without a suspicion that the reference model judges as well."""
 
 _DIFFERS = Kind(
@@ -34,13 +34,13 @@ _NO_MARGIN = Kind(
     "let the row of `reach` have a value at all states: negative where the equations do not hold",
     word="",
 )
-_UNDECIDED = Kind(
+_UNDECIDED_STATES = Kind(
     "samples.undecided",
     "error",
     "give --samples fewer states, or compare along protocols through these states",
     word="",
 )
-_NOTHING = Kind("samples.nothing", "error", "check the limits of the joints and the rest poses", word="")
+_NOTHING_JUDGED = Kind("samples.nothing", "error", "check the limits of the joints and the rest poses", word="")
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,9 @@ class RangeSamples(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Findings on equations that are wrong or without a result; if there are none, on what was not decided."""
         if self.possible == self.beyond:
-            return (_NOTHING("mechanism", f"none of {self.samples} states over the joint range could be judged"),)
+            return (
+                _NOTHING_JUDGED("mechanism", f"none of {self.samples} states over the joint range could be judged"),
+            )
         faults: list[Finding] = []
         for stage in self.stages:
             faults += self._of_stage(stage)
@@ -149,15 +151,15 @@ class RangeSamples(Result):
                     f"over the joint range, the compiled kernels suspect {stage.subject} at {stage.share}; the "
                     f"reference model judged {stage.examined} of these, and found nothing wrong there"
                 )
-                findings.append(_UNDECIDED(stage.row or stage.name, text))
-        required_count = min(CONFIRMED, self.unsuspected)
+                findings.append(_UNDECIDED_STATES(stage.row or stage.name, text))
+        required_count = min(CONFIRMED_STATES, self.unsuspected)
         if self.confirmed < required_count:
             text = (
                 f"over the joint range, the reference model could judge only {self.confirmed} of {required_count} "
                 "states at which the compiled kernels suspect nothing"
             )
             way_out = "compare along protocols, by `twin validate` without --samples"
-            findings.append(_UNDECIDED("mechanism", text, suggestion=way_out))
+            findings.append(_UNDECIDED_STATES("mechanism", text, suggestion=way_out))
         return findings
 
     def _of_stage(self, stage: JudgedStage) -> list[Finding]:

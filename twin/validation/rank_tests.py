@@ -30,12 +30,12 @@ _SIGNIFICANCE = 0.05
 """Usual level of significance."""
 
 # columns that are not measures
-_GROUP = "group"
-_SESSION = "session"
-_TRIAL = "trial"
-_USER = "user"
+_GROUP_COLUMN = "group"
+_SESSION_COLUMN = "session"
+_TRIAL_COLUMN = "trial"
+_USER_COLUMN = "user"
 
-_LABELS = {
+_MEASURE_LABELS = {
     "time_s": "Time [s]",
     "clutches": "Clutch presses",
     "path_mm": "Path of the tip [mm]",
@@ -58,7 +58,7 @@ _LABELS = {
 }
 """Labels of the measures of console sessions, as used on the scoreboards."""
 
-_UNITS = {
+_UNIT_OF_SUFFIX = {
     "s": "s",
     "ms": "ms",
     "cm": "cm",
@@ -73,11 +73,11 @@ _UNITS = {
 
 def label(measure: str) -> str:
     """Return the name of a measure for tables and plots, with its unit, such as "Path of psm1 [mm]"."""
-    fixed_label = _LABELS.get(measure)
+    fixed_label = _MEASURE_LABELS.get(measure)
     if fixed_label:
         return fixed_label
     name, _, last = measure.rpartition("_")
-    unit = _UNITS.get(last)
+    unit = _UNIT_OF_SUFFIX.get(last)
     if not name or not unit:
         return _words(measure)
     return f"{_words(name)} [{unit}]"
@@ -89,7 +89,7 @@ def _words(name: str) -> str:
     if path and last == "path":
         return f"Path of {path}"
     words = name.replace("_", " ")
-    if words == words.lower() and words not in _UNITS:
+    if words == words.lower() and words not in _UNIT_OF_SUFFIX:
         return words[:1].upper() + words[1:]
     return words
 
@@ -255,9 +255,9 @@ class Ranks(Result):
         """Write users.csv: one row per user or session, with scores instead of answers."""
         users = self.users
         sessions = users.sessions if users.repeated else None
-        header = [_GROUP]
+        header = [_GROUP_COLUMN]
         if sessions is not None:
-            header.append(_SESSION)
+            header.append(_SESSION_COLUMN)
         header += users.measures
         with (folder / "users.csv").open("w", encoding="utf-8", newline="") as file:
             rows = csv.writer(file, lineterminator="\n")
@@ -303,7 +303,7 @@ def compare_users(users: Users, source: str = "") -> Ranks:
             x = samples[groups[0]]
             y = samples[groups[1]]
             if len(x) and len(y):
-                tests.append(_test(measure, groups, x, y))
+                tests.append(_rank_test(measure, groups, x, y))
     source = source or users.file
     if not tests:
         raise DescriptionError(
@@ -314,11 +314,11 @@ def compare_users(users: Users, source: str = "") -> Ranks:
             f"{source}: every group has only one session or user, and a rank test needs several values in each group: "
             "give at least 4 in each group"
         )
-    findings = [*users.findings, *_repeated(users), *_small(tests, users.counted)]
-    return Ranks(users, _holm(tests), findings)
+    findings = [*users.findings, *_note_on_repeated_users(users), *_warnings_on_small_groups(tests, users.counted)]
+    return Ranks(users, _with_holm_correction(tests), findings)
 
 
-def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest:
+def _rank_test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest:
     """Return the rank test of the values x (n,) and y (m,) of two groups, without a correction for other tests."""
     from scipy import stats
 
@@ -351,18 +351,18 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
     )
 
 
-def _repeated(users: Users) -> Iterator[Finding]:
+def _note_on_repeated_users(users: Users) -> Iterator[Finding]:
     """Yield a note if sessions of the same users are compared, which the test treats as independent."""
     if users.repeated:
         yield info(
             "study.repeated",
-            _SESSION,
+            _SESSION_COLUMN,
             "the rank test treats the first and the last sessions as sessions of different users, but the sessions of "
             "one user are not independent",
         )
 
 
-def _holm(tests: Sequence[RankTest]) -> list[RankTest]:
+def _with_holm_correction(tests: Sequence[RankTest]) -> list[RankTest]:
     """Return the tests with p-values by Holm's step-down correction for the number of tests."""
     corrected = list(tests)
     by_p = sorted(range(len(tests)), key=lambda i: tests[i].p)
@@ -374,7 +374,7 @@ def _holm(tests: Sequence[RankTest]) -> list[RankTest]:
     return corrected
 
 
-def _small(tests: Sequence[RankTest], counted: str) -> Iterator[Finding]:
+def _warnings_on_small_groups(tests: Sequence[RankTest], counted: str) -> Iterator[Finding]:
     """Yield a warning for each pair of groups that are too small for a significant result."""
     counts: dict[tuple[str, str], tuple[int, int]] = {}
     for test in tests:
@@ -415,11 +415,11 @@ def _read(path: Path) -> Users:
     Raises:
         DescriptionError: as `compare`.
     """
-    rows = _rows(path)
-    head = _head(path, rows)
+    rows = _cells_of_file(path)
+    head = _column_names(path, rows)
     table = _read_table(path, head, rows)
-    sessions = table.columns.pop(_SESSION, None)
-    trials = table.columns.pop(_TRIAL, None)
+    sessions = table.columns.pop(_SESSION_COLUMN, None)
+    trials = table.columns.pop(_TRIAL_COLUMN, None)
     if trials is None:
         measures, findings = scored(path, table.columns, table.lines)
         is_repeated = sessions is not None
@@ -427,13 +427,17 @@ def _read(path: Path) -> Users:
             path.name, table.groups, sessions=sessions, repeated=is_repeated, measures=measures, findings=findings
         )
     if sessions is not None:
-        raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
-    if _USER not in head:
-        raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
+        raise DescriptionError(
+            f"{path}:1: the header has '{_SESSION_COLUMN}' and '{_TRIAL_COLUMN}'; keep one of these columns"
+        )
+    if _USER_COLUMN not in head:
+        raise DescriptionError(
+            f"{path}:1: trials need a column '{_USER_COLUMN}': a user's value is the mean of their trials"
+        )
     return _users_of_trials(path, table, trials)
 
 
-def _head(path: Path, rows: list[list[str]]) -> list[str]:
+def _column_names(path: Path, rows: list[list[str]]) -> list[str]:
     """Return the names of the columns.
 
     Raises:
@@ -442,8 +446,10 @@ def _head(path: Path, rows: list[list[str]]) -> list[str]:
     head: list[str] = []
     if rows:
         head = [cell.strip() for cell in rows[0]]
-    if _GROUP not in head:
-        raise DescriptionError(f"{path}:1: the header needs a column '{_GROUP}', as in: {_GROUP},time_s,errors")
+    if _GROUP_COLUMN not in head:
+        raise DescriptionError(
+            f"{path}:1: the header needs a column '{_GROUP_COLUMN}', as in: {_GROUP_COLUMN},time_s,errors"
+        )
     for name in head:
         if name and head.count(name) > 1:
             raise DescriptionError(f"{path}:1: the header has '{name}' twice")
@@ -456,7 +462,7 @@ def _read_table(path: Path, head: list[str], rows: list[list[str]]) -> _ReadTabl
     Raises:
         DescriptionError: a row has too many or too few cells, no group, or a cell that is not a number.
     """
-    measured = [name for name in head if name not in (_GROUP, _USER, "")]
+    measured = [name for name in head if name not in (_GROUP_COLUMN, _USER_COLUMN, "")]
     table = _ReadTable({name: [] for name in measured})
     for line, row in enumerate(rows[1:], 2):
         cells = [cell.strip() for cell in row]
@@ -465,14 +471,14 @@ def _read_table(path: Path, head: list[str], rows: list[list[str]]) -> _ReadTabl
         if len(cells) != len(head):
             raise DescriptionError(f"{path}:{line}: {len(cells)} cells; the header has {len(head)}")
         cell_of = dict(zip(head, cells, strict=True))
-        group = cell_of[_GROUP]
+        group = cell_of[_GROUP_COLUMN]
         if not group:
-            raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
+            raise DescriptionError(f"{path}:{line}: {_GROUP_COLUMN} is empty; give the name of the user's group")
         table.groups.append(group)
-        table.names.append(cell_of.get(_USER, ""))
+        table.names.append(cell_of.get(_USER_COLUMN, ""))
         table.lines.append(line)
         for name, values in table.columns.items():
-            values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
+            values.append(_number_in_cell(cell_of[name], f"{path}:{line}: {name}", name != _SESSION_COLUMN))
     return table
 
 
@@ -489,16 +495,16 @@ def _users_of_trials(path: Path, table: _ReadTable, trials: Sequence[float]) -> 
     for name, values in table.columns.items():
         columns[name] = [values[k] for k in numbered]
     measures, findings = scored(path, columns, lines)
-    groups, measures = _means(owners, measures)
+    groups, measures = _means_of_users(owners, measures)
     text = f"a value of a user is the mean of the user's trials: {len(numbered)} trials of {len(groups)} users"
     left_out = len(trials) - len(numbered)
     if left_out:
-        text += f"; rows without a number in the column '{_TRIAL}', which do not count: {left_out}"
-    note = info("study.trials", _TRIAL, text)
+        text += f"; rows without a number in the column '{_TRIAL_COLUMN}', which do not count: {left_out}"
+    note = info("study.trials", _TRIAL_COLUMN, text)
     return Users(path.name, groups, sessions=None, repeated=False, measures=measures, findings=[*findings, note])
 
 
-def _means(
+def _means_of_users(
     owners: Sequence[tuple[str, str]], measures: Mapping[str, Sequence[float]]
 ) -> tuple[list[str], dict[str, list[float]]]:
     """Return the group of each user, and the mean of each measure over the user's trials; empty cells do not count.
@@ -521,7 +527,7 @@ def _means(
     return [group for group, _ in users], means
 
 
-def _rows(path: Path) -> list[list[str]]:
+def _cells_of_file(path: Path) -> list[list[str]]:
     """Return the cells of all lines of a CSV file, the header first.
 
     Raises:
@@ -537,7 +543,7 @@ def _rows(path: Path) -> list[list[str]]:
         raise DescriptionError(f"{path}: cannot be read: {reason}") from error
 
 
-def _number(cell: str, where: str, optional: bool) -> float:
+def _number_in_cell(cell: str, where: str, optional: bool) -> float:
     """Return the number in a cell; NaN if it is empty and optional."""
     if not cell and optional:
         return math.nan

@@ -24,7 +24,7 @@ from twin.core.spatial import Array, Index
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.residual_rows import SampleClock, row, text
+from twin.validation.residual_rows import SampleClock, display_text, row
 
 ALL_MEASURED = 64
 """Largest number of samples of a phase that is measured in all intervals."""
@@ -219,7 +219,7 @@ def between_samples(
             clock=clock.at(np.array([nearest_sample])),
             note=(
                 f"measured in {passage.measured} of {passage.intervals} intervals; estimated bound elsewhere "
-                f"{text(passage.bound, 'm')}"
+                f"{display_text(passage.bound, 'm')}"
             ),
         )
         what = f"between samples the shaft misses the RCM (largest distance at the samples: {mm(passage.at_samples)})"

@@ -25,28 +25,28 @@ from twin.planning.protocol import Pivot, Protocol, Waypoint
 from twin.planning.protocol.course import angles_of, rotation
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
-STEP = 0.02
+PLANNED_STEP = 0.02
 """Time step in s of a planned fix."""
 
-_DRIFT = 1e-5
+_LEAST_REPORTED_ERROR = 1e-5
 """RCM error in m of a straight path above which it is reported."""
 
-_SAME_POINT = 1e-4
+_LARGEST_COMMON_DISTANCE = 1e-4
 """Largest distance in m from both shafts of an RCM that fits both."""
 
-_AT_RCM = 1e-6
+_TIP_AT_RCM = 1e-6
 """Distance in m of the tip from the RCM up to which it is at the RCM."""
 
-_PARALLEL = 1e-12
+_SMALLEST_TURN = 1e-12
 """Angle in rad between shaft and direction to the RCM up to which nothing needs to turn."""
 
-_OPPOSITE = 1e-6
+_HALF_TURN_MARGIN = 1e-6
 """Difference in rad from half a turn below which the axis of the turn is undefined."""
 
-_PARALLEL_AXES = 1e-9
+_SMALLEST_EIGENVALUE = 1e-9
 """Smallest eigenvalue of the sum of two projections below which the axes are parallel."""
 
-_NO_CHANGE = 1e-9
+_MOTION_ROUNDING = 1e-9
 """Translation in m or rotation in rad up to which a fix does not move or turn the waypoint."""
 
 Planner = Callable[[Protocol], Trajectory]
@@ -90,7 +90,7 @@ class Fix:
         if self.reachable:
             reach = f"the robot can do the protocol ({self.why})"
         text = f"{change}: {self.value}; {reach}"
-        if self.straight > _DRIFT:
+        if self.straight > _LEAST_REPORTED_ERROR:
             text += (
                 f"; on the straight path, the shaft would still miss the RCM by {self.straight / MM:.2f} mm at a point "
                 "between the ends of the path"
@@ -98,7 +98,7 @@ class Fix:
         return text
 
 
-def fixes(
+def rcm_fixes(
     protocol: Protocol, trajectory: Trajectory, paths: PathKinematics, T_tool_frame: Array
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return (facts as text, findings) on fixes of the phases in which the shaft misses a monitored RCM.
@@ -107,7 +107,7 @@ def fixes(
     """
 
     def planner(changed: Protocol) -> Trajectory:
-        return plan(changed, paths, T_tool_frame=T_tool_frame, dt=STEP)
+        return plan(changed, paths, T_tool_frame=T_tool_frame, dt=PLANNED_STEP)
 
     facts: dict[str, str] = {}
     findings: list[Finding] = []
@@ -118,7 +118,7 @@ def fixes(
         errors = rcm_error(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
         if errors.max() <= protocol.tolerances.rcm:
             continue
-        for fix in [*_waypoint_fixes(protocol, trajectory, span, planner), *_rcm_fixes(trajectory, span)]:
+        for fix in [*_waypoint_fixes(protocol, trajectory, span, planner), *_moved_rcm_fixes(trajectory, span)]:
             facts[f"{span.name}: {fix.name}"] = fix.text
             if not fix.reachable:
                 continue
@@ -135,11 +135,13 @@ def fixes(
                     word="",
                 )
             )
-        facts[f"{span.name}: other interpretations of the angles"] = _other_readings(protocol, trajectory, span)
+        facts[f"{span.name}: other interpretations of the angles"] = _other_angle_conventions(
+            protocol, trajectory, span
+        )
     return facts, findings
 
 
-def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
+def nearest_pose_through_rcm(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
     """Return the pose (4, 4) at which the shaft passes through the RCM, with the minimum motion from T.
 
     T is the pose (4, 4) of the moved frame, `axis` the shaft direction (3,) in this frame, `rcm` the RCM (3,) in m in
@@ -182,16 +184,16 @@ def _waypoint_fixes(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan,
     to_rcm = span.rcm - tip
     poses = {"move the tip, keep the angles": spatial.pose(R, tip + to_rcm - (to_rcm @ shaft) * shaft)}
     length = float(np.linalg.norm(to_rcm))
-    if length > _AT_RCM:  # at the RCM, the shaft has no direction towards it
+    if length > _TIP_AT_RCM:  # at the RCM, the shaft has no direction towards it
         direction = to_rcm / length
         if to_rcm @ shaft <= 0:  # the tip is beyond the RCM
             direction = -to_rcm / length
         turn = np.cross(shaft, direction)
         angle = np.arctan2(np.linalg.norm(turn), shaft @ direction)
-        if _PARALLEL < angle < np.pi - _OPPOSITE:
+        if _SMALLEST_TURN < angle < np.pi - _HALF_TURN_MARGIN:
             turned = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ R
             poses["turn the shaft, keep the tip"] = spatial.pose(turned, tip)
-        smallest = nearest(T, axis, span.rcm, max(length, 10 * MM))
+        smallest = nearest_pose_through_rcm(T, axis, span.rcm, max(length, 10 * MM))
         poses["the smallest move and turn of the tool"] = smallest
     fixes = []
     for name, T_new in poses.items():
@@ -217,9 +219,9 @@ def _planned_fix(
     position_text = _listed(tip / MM, 3)
     angles_text = _listed(angles / DEG, 3)
     # a rounding error is no motion
-    if not translation > _NO_CHANGE:
+    if not translation > _MOTION_ROUNDING:
         translation = 0.0
-    if not turned > _NO_CHANGE:
+    if not turned > _MOTION_ROUNDING:
         turned = 0.0
     fix = Fix(
         name,
@@ -272,7 +274,7 @@ def _largest_error(trajectory: Trajectory, phase: str) -> float:
     return float(np.nanmax(trajectory.rcm_error[span.start : span.stop + 1]))
 
 
-def _rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
+def _moved_rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     """Return the fix that moves the RCM to the point nearest to two shaft axes; an empty list if the axes are parallel.
 
     One axis is the shaft axis at the first use of the RCM, the other is the shaft axis at the end of the phase.
@@ -288,13 +290,13 @@ def _rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     # the sum of squared distances from both axes is smallest where (P1 + P2) x = P1 p1 + P2 p2
     P = np.eye(3) - shafts[:, :, None] * shafts[:, None, :]  # projections across the axes
     A = P.sum(axis=0)
-    if np.linalg.eigvalsh(A)[0] < _PARALLEL_AXES:
+    if np.linalg.eigvalsh(A)[0] < _SMALLEST_EIGENVALUE:
         return []
     nearest_point = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
     distance = float(spatial.point_to_line(nearest_point, Ts[:, :3, 3], shafts).max())
     position = _listed(nearest_point / MM, 2)
     translation = float(np.linalg.norm(nearest_point - span.rcm))
-    meets = distance <= _SAME_POINT
+    meets = distance <= _LARGEST_COMMON_DISTANCE
     why = "both shafts pass through the new RCM"
     if not meets:
         why = f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {distance / MM:.2f} mm"
@@ -311,7 +313,7 @@ def _rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     ]
 
 
-def _other_readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
+def _other_angle_conventions(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
     """Return a text on whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None

@@ -110,7 +110,7 @@ def row(
         worst = int(np.argmax(np.where(missing, -1.0, values)))
     component = ""
     if are_vectors and values[worst] > 0:
-        component = _components(np.abs(differences).max(axis=0))
+        component = _main_axes(np.abs(differences).max(axis=0))
     rms = float("nan")
     if not missing.all():
         present_values = values[~missing]
@@ -132,7 +132,7 @@ def row(
     )
 
 
-def _components(largest: Array) -> str:
+def _main_axes(largest: Array) -> str:
     """Return the axes along which vectors differ, as text: those with more than a twentieth of the largest difference.
 
     `largest` (3,) is the largest difference along x, y and z.
@@ -178,7 +178,7 @@ def rotation_vectors(Ts: Array, others: Array) -> Array:
     return spatial.log_so3(others[:, :3, :3] @ np.swapaxes(Ts[:, :3, :3], 1, 2))
 
 
-def show(value: float, unit: str) -> tuple[float, str]:
+def displayed(value: float, unit: str) -> tuple[float, str]:
     """Return a number in SI and its unit as (number, unit) for display: mm, µm or nm for lengths, ° for angles."""
     if unit.startswith("m"):
         for scale, name in ((MM, "mm"), (UM, "µm")):
@@ -188,9 +188,9 @@ def show(value: float, unit: str) -> tuple[float, str]:
     return value / DEG, "°" + unit[3:]
 
 
-def text(value: float, unit: str) -> str:
+def display_text(value: float, unit: str) -> str:
     """Return a number in SI with its unit, for display."""
-    number, name = show(value, unit)
+    number, name = displayed(value, unit)
     if name.startswith("°"):
         return f"{number:.4g}{name}"
     return f"{number:.4g} {name}"

@@ -112,14 +112,14 @@ def _urgency(row: Residual) -> _Urgency:
     return _Urgency.DIFFERS
 
 
-def _relative(row: Residual) -> float:
+def _relative_deviation(row: Residual) -> float:
     """Return deviation / tolerance, or the deviation itself without a tolerance; NaN becomes infinite."""
     if math.isnan(row.worst):
         return math.inf
     return row.worst / (row.tolerance or 1.0)
 
 
-_SAME = 0.999
+_EQUAL_DEVIATION_RATIO = 0.999
 """Rows count as equally bad if their deviation is at least this fraction of the largest; the first row is shown."""
 
 
@@ -127,9 +127,9 @@ def headline(rows: Sequence[Residual]) -> Residual:
     """Return the worst row of a group, to be shown; failed rows that are no consequence of another row come first."""
     most_urgent = max(map(_urgency, rows))
     urgent = [row for row in rows if _urgency(row) == most_urgent]
-    largest = max(map(_relative, urgent))
+    largest = max(map(_relative_deviation, urgent))
     # the first of equally bad rows, not the largest: rounding would decide between them
-    return next(row for row in urgent if _relative(row) >= _SAME * largest)
+    return next(row for row in urgent if _relative_deviation(row) >= _EQUAL_DEVIATION_RATIO * largest)
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Report(Result):
         suggestion = finding.suggestion
         if first.side == "CAD":
             part = finding.where or "the part"
-            suggestion = f"fix {part} in the CAD{_size(finding)}"
+            suggestion = f"fix {part} in the CAD{_size_text(finding)}"
             if finding.suggestion:
                 suggestion += f": {finding.suggestion}"
         elif first.side == "protocol":
@@ -295,7 +295,7 @@ class Report(Result):
         yield " · ".join(title) + "\n"
         line = self.verdict_line
         if not self.variants and self.verdict == "agree":
-            line = _WITHOUT
+            line = _AGREE_WITHOUT_EQUATIONS
         yield f"  {line}"
         if self.what_to_do:
             yield f"  WHAT TO DO: {self.what_to_do}"
@@ -338,7 +338,7 @@ class Report(Result):
             groups.setdefault(key, []).append(residual)
         rows: list[tuple[str, ...]] = []
         for (pair, name, _), group in groups.items():
-            rows.append((pair, name, *_row(headline(group))))
+            rows.append((pair, name, *_cells_of_row(headline(group))))
         return rows
 
     @property
@@ -359,19 +359,19 @@ _VERDICTS = {
     "disagree": "DISAGREE: {}",
     "unchecked": "UNCHECKED: some checks could not be done",
 }
-_WITHOUT = "AGREE: mechanism and stage agree; no equations yet"
+_AGREE_WITHOUT_EQUATIONS = "AGREE: mechanism and stage agree; no equations yet"
 
 
-def _row(residual: Residual) -> tuple[str, ...]:
+def _cells_of_row(residual: Residual) -> tuple[str, ...]:
     """Return the cells of a residual's table row: largest deviation, tolerance, name, phase, verdict."""
     tolerance = ""
     if residual.tolerance is not None:
         tolerance = quantity(residual.tolerance, residual.unit)
     worst = deviation(residual.worst, residual.unit, residual.tolerance)
-    return worst, tolerance, residual.name, residual.phase, state(residual)
+    return worst, tolerance, residual.name, residual.phase, row_verdict(residual)
 
 
-def state(residual: Residual) -> str:
+def row_verdict(residual: Residual) -> str:
     """Return "ok", "DIFFERS" or the cause; for a row without a tolerance "", or "unchecked" if it has no value."""
     if residual.tolerance is None and math.isnan(residual.worst):
         return "unchecked"
@@ -384,7 +384,7 @@ def state(residual: Residual) -> str:
     return "DIFFERS"
 
 
-def _size(f: Finding) -> str:
+def _size_text(f: Finding) -> str:
     if f.size is None:
         return ""
     return f", {f.size:.4g} {f.unit} off"

@@ -50,16 +50,16 @@ _POINTS_PER_INTERVAL = 5
 _FEWEST_STEPS = 2
 """Smallest number of samples after the first one in a phase."""
 
-_UNREACHED = 1e6
+_MISSING_LIMIT_FACTOR = 1e6
 """A missing limit is replaced by this factor times a typical rate, so that it is never reached."""
 
-_PROJECTIONS = 2
+_PROJECTION_STEPS = 2
 """Number of Newton steps that project a sample on the path; each doubles the number of correct digits."""
 
-_AT_REST = 1e-12
+_REST_SQUARED_SPEED = 1e-12
 """Squared speed of a path, relative to its maximum, below which a projection does not divide by it."""
 
-_AGAIN = "plan the protocol again; if the phase still deviates, compare both solvers (--timing)"
+_PLAN_AGAIN_ADVICE = "plan the protocol again; if the phase still deviates, compare both solvers (--timing)"
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class _RetimedPhase:
     path_error: float
 
 
-def durations(
+def judge_durations(
     trajectory: Trajectory,
     mechanism: Mechanism,
     protocol: Protocol,
@@ -175,9 +175,9 @@ def durations(
             findings.append(error("timing.unchecked", span.name, text, when=f"phase '{span.name}'"))
             continue
         judged.append((span, timed))
-        facts[span.name] = _fact(span, timed, name)
-        findings += _findings(span, timed, name)
-    return _rows(judged, failed, others), facts, findings
+        facts[span.name] = _phase_text(span, timed, name)
+        findings += _phase_findings(span, timed, name)
+    return _timing_rows(judged, failed, others), facts, findings
 
 
 def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limits:
@@ -317,8 +317,8 @@ def _fastest_rates(
     # The solvers need finite limits: a missing one is so high that it is never reached.
     typical = np.max(np.abs(first), axis=0)
     typical[typical == 0] = 1.0
-    speed = np.where(np.isfinite(speed), speed, _UNREACHED * typical / time_unit)
-    acceleration = np.where(np.isfinite(acceleration), acceleration, _UNREACHED * typical / time_unit**2)
+    speed = np.where(np.isfinite(speed), speed, _MISSING_LIMIT_FACTOR * typical / time_unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _MISSING_LIMIT_FACTOR * typical / time_unit**2)
 
     scale = acceleration * time_unit**2
     scaled_first = np.ascontiguousarray((first / scale).T)
@@ -377,11 +377,11 @@ def _project_on_path(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, 
     if not (path_length[-1] > 0 and sample_length[-1] > 0):
         raise TimingError("no joint moves")
     path_parameters = np.interp(sample_length / sample_length[-1], path_length / path_length[-1], dense)
-    for _ in range(_PROJECTIONS):
+    for _ in range(_PROJECTION_STEPS):
         first = curve.joints(path_parameters, 1)
         ahead = np.sum(first * (q - curve.joints(path_parameters)), axis=1)
         slope = np.sum(first**2, axis=1)
-        slope = np.maximum(slope, _AT_REST * np.max(slope))  # the path may be at rest, as at its ends
+        slope = np.maximum(slope, _REST_SQUARED_SPEED * np.max(slope))  # the path may be at rest, as at its ends
         path_parameters = np.clip(path_parameters + ahead / slope, 0.0, 1.0)
     path_parameters = np.maximum.accumulate(path_parameters)  # a motion does not go back; rounding at its ends may
     travel = np.max(np.sum(np.abs(np.diff(on_path, axis=0)), axis=0))
@@ -409,7 +409,7 @@ def _rates_of_samples(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
     return rate_at_grid, second_rate_at_grid
 
 
-def _fact(span: PhaseSpan, timed: _RetimedPhase, name: str) -> str:
+def _phase_text(span: PhaseSpan, timed: _RetimedPhase, name: str) -> str:
     """Return the durations of a phase by both solvers as text; `name` is the solver that judges."""
     slowed_down = ""
     if timed.slowdown > 1 + DURATION_TOLERANCE:
@@ -424,7 +424,7 @@ def _fact(span: PhaseSpan, timed: _RetimedPhase, name: str) -> str:
     )
 
 
-def _findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Finding]:
+def _phase_findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Finding]:
     """Yield findings on the path, the duration and the limits of a phase; `name` is the solver that judges."""
     when = f"phase '{span.name}'"
     if timed.path_error > PATH_TOLERANCE:
@@ -435,7 +435,7 @@ def _findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Find
             what,
             size=Quantity(timed.path_error),
             limit=PATH_TOLERANCE,
-            suggestion=_AGAIN,
+            suggestion=_PLAN_AGAIN_ADVICE,
             when=when,
         )
     if abs(timed.duration_error) > DURATION_TOLERANCE:
@@ -453,7 +453,7 @@ def _findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Find
             what,
             size=Quantity(abs(timed.duration_error)),
             limit=DURATION_TOLERANCE,
-            suggestion=_AGAIN,
+            suggestion=_PLAN_AGAIN_ADVICE,
             when=when,
         )
     for rate, load in (("speed", timed.speed), ("acceleration", timed.acceleration)):
@@ -465,12 +465,12 @@ def _findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Find
                 what,
                 size=Quantity(load),
                 limit=1 + LIMIT_TOLERANCE,
-                suggestion=_AGAIN,
+                suggestion=_PLAN_AGAIN_ADVICE,
                 when=when,
             )
 
 
-def _rows(
+def _timing_rows(
     judged: list[tuple[PhaseSpan, _RetimedPhase]],
     failed: list[str],
     others: Mapping[Solver, tuple[Solver, Fastest]],

@@ -23,7 +23,7 @@ from twin.planning.check import AGAIN
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
-OVER = 2e-3
+ACCEPTED_EXCESS = 2e-3
 """Accepted relative excess of a mean value over its limit: 1e-3 for the planner's tolerance and 1e-3 for rounding."""
 
 _CLOCK_TOLERANCE = 1e-9
@@ -32,7 +32,7 @@ _CLOCK_TOLERANCE = 1e-9
 _PHASE_TOLERANCE = 1e-6
 """Tolerance in s of the stated times of phases, which files may round."""
 
-_AT_REST = 1e-12
+_REST_STEP = 1e-12
 """Step in m or rad that counts as rest, also with a very small acceleration limit."""
 
 _RELATIVE_ROUNDING = 8 * np.finfo(float).eps
@@ -40,7 +40,7 @@ _RELATIVE_ROUNDING = 8 * np.finfo(float).eps
 
 
 @dataclass(frozen=True)
-class Load:
+class LargestRate:
     """Maximum of one quantity (speed, acceleration, ...), and the limit of this quantity.
 
     Attributes:
@@ -70,13 +70,15 @@ class Load:
         return f"{self.size:.4g}{of_limit} {self.unit}, {self.phase}, t = {self.t:.3f} s"
 
 
-def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> tuple[dict[str, str], list[Finding]]:
+def check_rates(
+    trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol
+) -> tuple[dict[str, str], list[Finding]]:
     """Compare speeds and accelerations with their limits; return (maximum of each quantity as text, findings).
 
     The stated speeds (`qd`, tip) of the trajectory are also checked. Joint limits come from the mechanism, limits of
     the tip from the protocol.
     """
-    findings = list(_clock(trajectory))
+    findings = list(_check_clock(trajectory))
     if findings:  # without valid times no rates can be computed
         return {}, findings
     joints = _joint_motions(trajectory, mechanism)
@@ -86,20 +88,20 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
         frame = _frame_motions(trajectory, protocol, span)
         frames += frame
         not_at_rest += _not_at_rest(trajectory, span, [*frame, *joints])
-    loads: list[Load] = []
+    loads: list[LargestRate] = []
     claims: list[Finding] = []
     for moving in [*joints, *frames]:
-        loads += _loads(trajectory, moving)
+        loads += _largest_rates(trajectory, moving)
         claims += _false_claims(trajectory, moving)
     for load in loads:
-        if load.size > load.limit * (1 + OVER):
-            findings.append(_excess(load))
+        if load.size > load.limit * (1 + ACCEPTED_EXCESS):
+            findings.append(_limit_exceeded(load))
     findings += not_at_rest
     findings += claims
-    return _facts(loads, trajectory), findings
+    return _rate_texts(loads, trajectory), findings
 
 
-def _excess(load: Load) -> Finding:
+def _limit_exceeded(load: LargestRate) -> Finding:
     """Return the finding on a maximum above its limit."""
     return disagreement(
         load.code,
@@ -112,7 +114,7 @@ def _excess(load: Load) -> Finding:
     )
 
 
-def _clock(trajectory: Trajectory) -> Iterator[Finding]:
+def _check_clock(trajectory: Trajectory) -> Iterator[Finding]:
     """Yield findings on the times of samples and phases, without which rates cannot be computed."""
     t = trajectory.t
     steps = np.diff(t)
@@ -191,7 +193,7 @@ class _SampledMotion:
     size: float = 0.0
 
 
-_RATES = ("speed", "acceleration", "jerk")
+_RATE_NAMES = ("speed", "acceleration", "jerk")
 
 
 def _joint_motions(trajectory: Trajectory, mechanism: Mechanism) -> list[_SampledMotion]:
@@ -207,12 +209,12 @@ def _joint_motions(trajectory: Trajectory, mechanism: Mechanism) -> list[_Sample
             limits.append(np.inf if limit is None else limit)
         unit, factor = display_unit(joint.is_angle)
         what = f"joint {joint.name}"
-        names = [what] * len(_RATES)
+        names = [what] * len(_RATE_NAMES)
         motion = _SampledMotion(
             what,
             what,
             where=joint.name,
-            codes=_RATES,
+            codes=_RATE_NAMES,
             names=names,
             unit=unit,
             factor=factor,
@@ -243,7 +245,7 @@ def _frame_motions(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) 
         codes = []
         names = []
         limits_of_rates = []
-        for rate in _RATES:
+        for rate in _RATE_NAMES:
             codes.append(f"{kind}_{rate}")
             names.append(f"{kind} {rate} of {name} in phase '{span.name}'")
             limits_of_rates.append(getattr(limits, f"{kind}_{rate}"))
@@ -265,12 +267,12 @@ def _frame_motions(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) 
     return moving
 
 
-def _phase(trajectory: Trajectory, sample: int) -> str:
+def _phase_of_sample(trajectory: Trajectory, sample: int) -> str:
     """Return the name of the phase of a sample; the last sample of a phase belongs to it."""
     return next(span.name for span in trajectory.phases if sample <= span.stop)
 
 
-def _loads(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Load]:
+def _largest_rates(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[LargestRate]:
     """Yield the largest speed, acceleration and jerk; the jerk only of joints, and of frames with a jerk limit."""
     dt = trajectory.step
     for order, (code, name, limit) in enumerate(zip(motion.codes, motion.names, motion.limits, strict=True), 1):
@@ -286,8 +288,8 @@ def _loads(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Load]:
         if order > 1:
             unit += str(order)
         t = float(trajectory.t[motion.first + fastest] + order * dt / 2)  # the middle of the samples of the difference
-        phase = _phase(trajectory, motion.first + fastest + order)
-        yield Load(
+        phase = _phase_of_sample(trajectory, motion.first + fastest + order)
+        yield LargestRate(
             f"timing.{code}",
             what=name,
             where=motion.where,
@@ -306,7 +308,7 @@ def _not_at_rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_SampledM
         for motion in moving:
             distance = float(np.linalg.norm(motion.steps[step - motion.first]))
             # from rest, the largest acceleration moves by a t^2 / 2 in one step
-            reach = 0.5 * motion.limits[1] * dt**2 * (1 + OVER) + _AT_REST
+            reach = 0.5 * motion.limits[1] * dt**2 * (1 + ACCEPTED_EXCESS) + _REST_STEP
             if distance <= reach:
                 continue
             what = (
@@ -331,7 +333,7 @@ def _false_claims(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Fi
     skip = 1 if motion.first else 0
     mean_speeds = 0.5 * (motion.stated[1:] + motion.stated[:-1])
     deviation = np.linalg.norm(motion.steps / dt - mean_speeds, axis=1)[skip:]
-    limit = dt * motion.limits[1] * (1 + OVER) / 4
+    limit = dt * motion.limits[1] * (1 + ACCEPTED_EXCESS) / 4
     if not len(deviation) or deviation.max() <= limit:
         return
     sample = motion.first + skip + int(np.argmax(deviation))
@@ -342,15 +344,15 @@ def _false_claims(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Fi
         size=Quantity(float(deviation.max()) / motion.factor, f"{motion.unit}/s"),
         limit=limit / motion.factor,
         suggestion=AGAIN,
-        when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
+        when=f"phase '{_phase_of_sample(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
         word="tolerance",
     )
 
 
-def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
+def _rate_texts(loads: list[LargestRate], trajectory: Trajectory) -> dict[str, str]:
     """Return a text with the maximum for each kind of quantity, such as speed or jerk."""
     facts = {"computed from": f"{len(trajectory.t)} samples, {1e3 * trajectory.step:g} ms apart, without stated speeds"}
-    by_code: dict[str, list[Load]] = {}
+    by_code: dict[str, list[LargestRate]] = {}
     for load in loads:
         by_code.setdefault(load.code, []).append(load)
     for code, alike in by_code.items():
@@ -361,7 +363,7 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
             continue
         # Without a limit, quantities of different units cannot be compared.
         note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
-        largest: dict[str, Load] = {}  # by unit
+        largest: dict[str, LargestRate] = {}  # by unit
         for load in alike:
             if load.unit not in largest or load.size > largest[load.unit].size:
                 largest[load.unit] = load
@@ -370,7 +372,7 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
     return facts
 
 
-def _share_of_limit(load: Load) -> float:
+def _share_of_limit(load: LargestRate) -> float:
     """Return a maximum divided by its limit; 0 without a limit."""
     if not np.isfinite(load.limit):
         return 0.0

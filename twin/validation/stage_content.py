@@ -24,13 +24,13 @@ from twin.model.joint import Joint, reversed_joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.validation.masses import solid_moments
 
-SINGLE = 1e-5
+SINGLE_PRECISION = 1e-5
 """Maximum relative difference that single precision can cause."""
 
-_ZERO = 1e-12
+_ZERO_ROUNDING = 1e-12
 """Difference, in the unit of the number, that is a rounding error beside zero."""
 
-_NEAR = 1e-6
+_POSITION_ROUNDING = 1e-6
 """Difference of a position in m that is a rounding error beside the origin, on a stage of about 10 m."""
 
 # tolerances for estimates from coarse meshes
@@ -40,12 +40,12 @@ COARSE_SIZE = 0.04  # of a mass centre, divided by the body's size
 # its axis varies with the fourth power of the radius.
 COARSE_MOMENT = 0.4
 
-_AGAIN = "rebuild the stage with `twin build`"
-_CONTENT = Kind("stage.content", "disagreement", _AGAIN, word="CAD and description")
-_MISPLACED = Kind("stage.content", "disagreement", _AGAIN, word="")
+_BUILD_AGAIN_ADVICE = "rebuild the stage with `twin build`"
+_CONTENT_DIFFERS = Kind("stage.content", "disagreement", _BUILD_AGAIN_ADVICE, word="CAD and description")
+_CONTENT_MISPLACED = Kind("stage.content", "disagreement", _BUILD_AGAIN_ADVICE, word="")
 
 
-def content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
+def compare_content(mechanism: Mechanism, stage: Mechanism, description: Description) -> list[Finding]:
     """Return findings on data of a mechanism that are missing or different on its USD stage.
 
     `description` contains the densities that are used for bodies without computed masses.
@@ -62,41 +62,43 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
     ):
         names_in_cad = {item.name for item in in_cad}
         names_on_stage = {item.name for item in on_stage}
-        findings += _names(kind, names_in_cad, names_on_stage)
+        findings += _compare_names(kind, names_in_cad, names_on_stage)
     for name in sorted(set(mechanism.trocars) - set(stage.trocars)):
-        findings.append(_CONTENT(name, f"trocar '{name}' is not marked as a trocar on the stage"))
+        findings.append(_CONTENT_DIFFERS(name, f"trocar '{name}' is not marked as a trocar on the stage"))
     # the other way round too: a frame may be marked by mistake
     for name in sorted(set(stage.trocars) - set(mechanism.trocars)):
-        findings.append(_CONTENT(name, f"'{name}' is marked as a trocar on the stage, but not in the CAD"))
-    for cad_item, stage_item in _common(mechanism.joints, stage.joints):
-        findings += _joint(cad_item, stage_item)
-    findings += _motors(mechanism, stage)
-    for cad_item, stage_item in _common(mechanism.couplings, stage.couplings):
-        findings += _coupling(cad_item, stage_item)
-    findings += _world(mechanism, stage)
-    for cad_item, stage_item in _common(mechanism.frames, stage.frames):
-        findings += _place(f"frame '{cad_item.name}'", cad_item.name, cad_item.T_body_frame, stage_item.T_body_frame)
-    for cad_item, stage_item in _common(mechanism.points, stage.points):
-        findings += _place(
+        findings.append(_CONTENT_DIFFERS(name, f"'{name}' is marked as a trocar on the stage, but not in the CAD"))
+    for cad_item, stage_item in _pairs_by_name(mechanism.joints, stage.joints):
+        findings += _compare_joints(cad_item, stage_item)
+    findings += _compare_motors(mechanism, stage)
+    for cad_item, stage_item in _pairs_by_name(mechanism.couplings, stage.couplings):
+        findings += _compare_couplings(cad_item, stage_item)
+    findings += _compare_world(mechanism, stage)
+    for cad_item, stage_item in _pairs_by_name(mechanism.frames, stage.frames):
+        findings += _compare_poses(
+            f"frame '{cad_item.name}'", cad_item.name, cad_item.T_body_frame, stage_item.T_body_frame
+        )
+    for cad_item, stage_item in _pairs_by_name(mechanism.points, stage.points):
+        findings += _compare_poses(
             f"point '{cad_item.name}'",
             cad_item.name,
             spatial.pose(p=cad_item.p_body),
             spatial.pose(p=stage_item.p_body),
         )
-    for cad_item, stage_item in _common(mechanism.bodies, stage.bodies):
-        findings += _body(cad_item, stage_item, description)
+    for cad_item, stage_item in _pairs_by_name(mechanism.bodies, stage.bodies):
+        findings += _compare_bodies(cad_item, stage_item, description)
     return findings
 
 
-def _names(kind: str, in_cad: set[str], on_stage: set[str]) -> Iterator[Finding]:
+def _compare_names(kind: str, in_cad: set[str], on_stage: set[str]) -> Iterator[Finding]:
     """Yield a finding for each name that only the CAD or only the stage has."""
     for name in sorted(in_cad - on_stage):
-        yield _CONTENT(name, f"{kind} '{name}' is not on the stage")
+        yield _CONTENT_DIFFERS(name, f"{kind} '{name}' is not on the stage")
     for name in sorted(on_stage - in_cad):
-        yield _CONTENT(name, f"{kind} '{name}' is on the stage, but not in the CAD")
+        yield _CONTENT_DIFFERS(name, f"{kind} '{name}' is on the stage, but not in the CAD")
 
 
-def _common(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, Any]]:
+def _pairs_by_name(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, Any]]:
     """Return pairs (item of `in_cad`, item of `on_stage`) with the same name."""
     by_name = {item.name: item for item in on_stage}
     pairs: list[tuple[Any, Any]] = []
@@ -106,16 +108,16 @@ def _common(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, A
     return pairs
 
 
-def _differs(
-    what: str, where: str, in_cad: float, on_stage: float, unit: str, relative: float = SINGLE
+def _compare_numbers(
+    what: str, where: str, in_cad: float, on_stage: float, unit: str, relative: float = SINGLE_PRECISION
 ) -> Iterator[Finding]:
     """Yield a finding if a number in `unit` differs on the stage by more than the fraction `relative`."""
-    limit = relative * max(abs(in_cad), abs(on_stage)) + _ZERO
+    limit = relative * max(abs(in_cad), abs(on_stage)) + _ZERO_ROUNDING
     if abs(in_cad - on_stage) > limit:
-        yield _CONTENT(where, f"{what} differs on the stage", Quantity(on_stage, unit), float(in_cad))
+        yield _CONTENT_DIFFERS(where, f"{what} differs on the stage", Quantity(on_stage, unit), float(in_cad))
 
 
-def _joint(cad_joint: Joint, stage_joint: Joint) -> Iterator[Finding]:
+def _compare_joints(cad_joint: Joint, stage_joint: Joint) -> Iterator[Finding]:
     """Compare a joint of the CAD with that of the stage: type, bodies, frames and numbers."""
     if (cad_joint.parent, cad_joint.child) == (
         stage_joint.child,
@@ -126,36 +128,36 @@ def _joint(cad_joint: Joint, stage_joint: Joint) -> Iterator[Finding]:
         in_cad = getattr(cad_joint, what)
         on_stage = getattr(stage_joint, what)
         if in_cad != on_stage:
-            yield _CONTENT(
+            yield _CONTENT_DIFFERS(
                 cad_joint.name, f"joint '{cad_joint.name}' has {what} {on_stage} on the stage, but {in_cad} in the CAD"
             )
             return
-    yield from _place(
+    yield from _compare_poses(
         f"joint '{cad_joint.name}' on '{cad_joint.parent}'",
         cad_joint.name,
         cad_joint.T_parent_joint,
         stage_joint.T_parent_joint,
     )
-    yield from _place(
+    yield from _compare_poses(
         f"joint '{cad_joint.name}' on '{cad_joint.child}'",
         cad_joint.name,
         cad_joint.T_child_joint,
         stage_joint.T_child_joint,
     )
-    values_in_cad = _values(cad_joint)
-    values_on_stage = _values(stage_joint)
+    values_in_cad = _joint_numbers(cad_joint)
+    values_on_stage = _joint_numbers(stage_joint)
     for name, (in_cad, unit) in values_in_cad.items():
         on_stage, _ = values_on_stage[name]
         what = f"the {name} of joint '{cad_joint.name}'"
         if in_cad is not None and on_stage is not None:
-            yield from _differs(what, cad_joint.name, in_cad=in_cad, on_stage=on_stage, unit=unit)
+            yield from _compare_numbers(what, cad_joint.name, in_cad=in_cad, on_stage=on_stage, unit=unit)
         elif in_cad is not None:
-            yield _CONTENT(cad_joint.name, f"{what} is missing on the stage")
+            yield _CONTENT_DIFFERS(cad_joint.name, f"{what} is missing on the stage")
         elif on_stage is not None:
-            yield _CONTENT(cad_joint.name, f"{what} is on the stage, but not in the CAD")
+            yield _CONTENT_DIFFERS(cad_joint.name, f"{what} is on the stage, but not in the CAD")
 
 
-def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
+def _joint_numbers(joint: Joint) -> dict[str, tuple[float | None, str]]:
     """Return {name: (value or None, unit)} of the numbers of a joint, angles in deg and lengths in mm."""
     unit, scale = display_unit(joint.is_angle)
 
@@ -197,91 +199,93 @@ def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
     return values
 
 
-def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
+def _compare_motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     """Compare actuators and transmission matrices with the stage, which stores their numbers in double precision."""
-    for cad_item, stage_item in _common(mechanism.actuators, stage.actuators):
+    for cad_item, stage_item in _pairs_by_name(mechanism.actuators, stage.actuators):
         name = cad_item.name
         for key, described in vars(cad_item).items():
             on_stage = getattr(stage_item, key)
             if on_stage != described:
                 text = f"{key} of actuator '{name}' is {on_stage} on the stage, but {described} in the description"
-                yield _CONTENT(name, text)
-    for cad_item, stage_item in _common(mechanism.transmissions, stage.transmissions):
+                yield _CONTENT_DIFFERS(name, text)
+    for cad_item, stage_item in _pairs_by_name(mechanism.transmissions, stage.transmissions):
         same_axes = (cad_item.joints, cad_item.actuators) == (stage_item.joints, stage_item.actuators)
         if not same_axes or not np.array_equal(cad_item.matrix, stage_item.matrix):
-            yield _CONTENT(cad_item.name, f"the stage has a different matrix of transmission '{cad_item.name}'")
+            yield _CONTENT_DIFFERS(cad_item.name, f"the stage has a different matrix of transmission '{cad_item.name}'")
 
 
-def _coupling(cad_coupling: Coupling, stage_coupling: Coupling) -> Iterator[Finding]:
+def _compare_couplings(cad_coupling: Coupling, stage_coupling: Coupling) -> Iterator[Finding]:
     """Compare a coupling with the stage, which stores its numbers in double precision, and joints in another order."""
     in_cad = dict(zip(cad_coupling.joints, cad_coupling.ratios, strict=True))
     on_stage = dict(zip(stage_coupling.joints, stage_coupling.ratios, strict=True))
     if in_cad != on_stage:
         text = f"coupling '{cad_coupling.name}' has the ratios {on_stage} on the stage, but {in_cad} in the description"
-        yield _CONTENT(cad_coupling.name, text)
+        yield _CONTENT_DIFFERS(cad_coupling.name, text)
     if cad_coupling.total != stage_coupling.total:
         text = (
             f"coupling '{cad_coupling.name}' has the sum {stage_coupling.total:g} on the stage, but "
             f"{cad_coupling.total:g} in the description"
         )
-        yield _CONTENT(cad_coupling.name, text)
+        yield _CONTENT_DIFFERS(cad_coupling.name, text)
 
 
-def _world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
+def _compare_world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     """Compare base, tool and gravity with the stage; its physics scene has gravity in single precision."""
     for what in ("base", "tool"):
         in_cad = getattr(mechanism, what)
         on_stage = getattr(stage, what)
         if in_cad != on_stage:
-            yield _CONTENT(on_stage, f"the {what} is '{on_stage}' on the stage, but '{in_cad}' in the description")
+            yield _CONTENT_DIFFERS(
+                on_stage, f"the {what} is '{on_stage}' on the stage, but '{in_cad}' in the description"
+            )
     right = np.array(mechanism.gravity)
     stage_gravity = np.array(stage.gravity)
-    if float(np.linalg.norm(stage_gravity - right)) > SINGLE * float(np.linalg.norm(right)):
-        on_stage = _vector(stage_gravity)
-        text = f"gravity in base is {on_stage} m/s2 on the stage, but {_vector(right)} m/s2 in the description"
-        yield _CONTENT("gravity", text)
+    if float(np.linalg.norm(stage_gravity - right)) > SINGLE_PRECISION * float(np.linalg.norm(right)):
+        on_stage = _vector_text(stage_gravity)
+        text = f"gravity in base is {on_stage} m/s2 on the stage, but {_vector_text(right)} m/s2 in the description"
+        yield _CONTENT_DIFFERS("gravity", text)
 
 
-def _vector(v: Array) -> str:
+def _vector_text(v: Array) -> str:
     """Return a vector as text, such as "(0, 0, -9.81)"."""
     listed = ", ".join(f"{component:g}" for component in v)
     return f"({listed})"
 
 
-def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
+def _compare_poses(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
     """Yield a finding if a pose (4, 4) differs on the stage; one of position and rotation is enough to be seen."""
     distance, angle = spatial.pose_difference(in_cad, on_stage)
     # a position in single precision has an error relative to its size
-    limit = _NEAR + _NEAR * float(np.linalg.norm(in_cad[:3, 3]))
+    limit = _POSITION_ROUNDING + _POSITION_ROUNDING * float(np.linalg.norm(in_cad[:3, 3]))
     text = f"{what} is displaced on the stage by {mm(distance)} and {deg(angle)}"
     if distance > limit:
-        yield _MISPLACED(where, text, mm(distance), mm(limit))
-    elif angle > SINGLE:
-        yield _MISPLACED(where, text, deg(angle), deg(SINGLE))
+        yield _CONTENT_MISPLACED(where, text, mm(distance), mm(limit))
+    elif angle > SINGLE_PRECISION:
+        yield _CONTENT_MISPLACED(where, text, deg(angle), deg(SINGLE_PRECISION))
 
 
-def _body(cad_body: Body, stage_body: Body, description: Description) -> Iterator[Finding]:
+def _compare_bodies(cad_body: Body, stage_body: Body, description: Description) -> Iterator[Finding]:
     """Compare meshes and inertia of a body of the CAD with those on the stage."""
-    yield from _meshes(cad_body, stage_body)
+    yield from _compare_meshes(cad_body, stage_body)
     if cad_body.inertia is not None:
         if stage_body.inertia is None:
-            yield _CONTENT(cad_body.name, f"the mass of body '{cad_body.name}' is not on the stage")
+            yield _CONTENT_DIFFERS(cad_body.name, f"the mass of body '{cad_body.name}' is not on the stage")
             return
-        yield from _inertia(
+        yield from _compare_inertias(
             cad_body,
             in_cad=cad_body.inertia,
             on_stage=stage_body.inertia,
-            mass_limit=SINGLE,
-            com_limit=SINGLE,
-            moment_limit=10 * SINGLE,
+            mass_limit=SINGLE_PRECISION,
+            com_limit=SINGLE_PRECISION,
+            moment_limit=10 * SINGLE_PRECISION,
         )
         return
     if stage_body.inertia is None:
         return
     # the stage has masses that the build computed: an independent estimate must come near to them
-    estimated = estimate(cad_body, description)
+    estimated = estimated_inertia(cad_body, description)
     if estimated is not None:
-        yield from _inertia(
+        yield from _compare_inertias(
             cad_body,
             in_cad=estimated,
             on_stage=stage_body.inertia,
@@ -291,14 +295,14 @@ def _body(cad_body: Body, stage_body: Body, description: Description) -> Iterato
         )
 
 
-def _inertia(
+def _compare_inertias(
     body: Body, in_cad: Inertia, on_stage: Inertia, mass_limit: float, com_limit: float, moment_limit: float
 ) -> Iterator[Finding]:
     """Compare mass, mass centre and inertia tensor of a body.
 
     The limits are relative: to the mass, to the size of the body, and to the largest entry of the inertia tensor.
     """
-    yield from _differs(
+    yield from _compare_numbers(
         f"the mass of '{body.name}'",
         body.name,
         in_cad=in_cad.mass,
@@ -307,14 +311,14 @@ def _inertia(
         relative=mass_limit,
     )
     distance = float(np.linalg.norm(in_cad.p_body_com - on_stage.p_body_com))
-    limit = _NEAR + com_limit * _size(body)
+    limit = _POSITION_ROUNDING + com_limit * _body_size(body)
     if distance > limit:
         text = f"the mass centre of '{body.name}' is {mm(distance)} from its position in the CAD"
-        yield _MISPLACED(body.name, text, mm(distance), mm(limit))
+        yield _CONTENT_MISPLACED(body.name, text, mm(distance), mm(limit))
     difference = float(np.abs(in_cad.I_com - on_stage.I_com).max())
     largest = float(np.abs(in_cad.I_com).max())
     if difference > moment_limit * largest:
-        yield _MISPLACED(
+        yield _CONTENT_MISPLACED(
             body.name,
             f"the inertia tensor of '{body.name}' differs by {Quantity(difference, 'kg m2')}; its largest entry in "
             f"the CAD is {Quantity(largest, 'kg m2')}",
@@ -323,7 +327,7 @@ def _inertia(
         )
 
 
-def _size(body: Body) -> float:
+def _body_size(body: Body) -> float:
     """Return the diagonal in m of the box around a body's meshes; 0 without meshes."""
     if not body.meshes:
         return 0.0
@@ -331,36 +335,38 @@ def _size(body: Body) -> float:
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def _meshes(cad_body: Body, stage_body: Body) -> Iterator[Finding]:
+def _compare_meshes(cad_body: Body, stage_body: Body) -> Iterator[Finding]:
     """Compare the meshes of a body of the CAD with those on the stage, by name."""
     in_cad = {mesh.name for mesh in cad_body.meshes}
     on_stage = {mesh.name for mesh in stage_body.meshes}
     for mesh in cad_body.meshes:
         if mesh.name not in on_stage:
-            yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is not on the stage")
-    for mesh, stage_mesh in _common(cad_body.meshes, stage_body.meshes):
-        yield from _mesh(mesh, stage_mesh)
+            yield _CONTENT_DIFFERS(mesh.name, f"mesh '{mesh.name}' is not on the stage")
+    for mesh, stage_mesh in _pairs_by_name(cad_body.meshes, stage_body.meshes):
+        yield from _compare_mesh(mesh, stage_mesh)
     for mesh in stage_body.meshes:
         if mesh.name not in in_cad:
-            yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is on the stage, but not in the CAD")
+            yield _CONTENT_DIFFERS(mesh.name, f"mesh '{mesh.name}' is on the stage, but not in the CAD")
 
 
-def _mesh(in_cad: Mesh, on_stage: Mesh) -> Iterator[Finding]:
+def _compare_mesh(in_cad: Mesh, on_stage: Mesh) -> Iterator[Finding]:
     """Compare vertices and triangles of a mesh; the stage stores vertices in single precision."""
     name = in_cad.name
     same_vertices = in_cad.vertices.shape == on_stage.vertices.shape
     if not same_vertices or in_cad.triangles.shape != on_stage.triangles.shape:
-        yield _CONTENT(name, f"the stage has a different mesh '{name}'")
+        yield _CONTENT_DIFFERS(name, f"the stage has a different mesh '{name}'")
         return
     distance = float(np.abs(in_cad.vertices - on_stage.vertices).max(initial=0.0))
-    limit = _NEAR + SINGLE * float(np.abs(in_cad.vertices).max(initial=0.0))
+    limit = _POSITION_ROUNDING + SINGLE_PRECISION * float(np.abs(in_cad.vertices).max(initial=0.0))
     if distance > limit:
-        yield _CONTENT(name, f"vertices of mesh '{name}' are displaced by up to {distance / MM:.4g} mm on the stage")
+        yield _CONTENT_DIFFERS(
+            name, f"vertices of mesh '{name}' are displaced by up to {distance / MM:.4g} mm on the stage"
+        )
     elif not np.array_equal(in_cad.triangles, on_stage.triangles):  # other triangles between the same corners
-        yield _CONTENT(name, f"the stage has a different mesh '{name}'")
+        yield _CONTENT_DIFFERS(name, f"the stage has a different mesh '{name}'")
 
 
-def estimate(body: Body, description: Description) -> Inertia | None:
+def estimated_inertia(body: Body, description: Description) -> Inertia | None:
     """Estimate mass, mass centre and inertia tensor of a body from its meshes and the densities of their materials.
 
     Return None (mass unknown) if a mesh is open or has no material.
@@ -376,9 +382,9 @@ def estimate(body: Body, description: Description) -> Inertia | None:
                     last = material.density_kg_m3
         return last
 
-    total = solid_moments.of_meshes(body.meshes, density)
+    total = solid_moments.moments_of_meshes(body.meshes, density)
     if total is None:
         return None
     com = total.first / total.volume
     about_com = total.second - total.volume * np.outer(com, com)
-    return Inertia(total.volume, com, solid_moments.tensor(about_com))
+    return Inertia(total.volume, com, solid_moments.inertia_tensor(about_com))

@@ -25,14 +25,14 @@ from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.joint_range import poses_by_inverse
 from twin.validation.residual_rows import Tolerances, rotation_vectors
 
-STANDINS = ("serial", "mimic")
+SIMPLIFIED_MODELS = ("serial", "mimic")
 
-_STILL = 1e-9
+_CONSTANT_CHANGE = 1e-9
 """Change (m, rad, or quaternion component) below which a coordinate counts as constant."""
 
 
 @dataclass(frozen=True)
-class Curve:
+class ErrorCurve:
     """Error of the tool pose of one model, relative to the mechanism.
 
     Attributes:
@@ -85,8 +85,8 @@ class StrokeSweep:
     q: Array
     limits: tuple[float, float]
     gap: float
-    equations: Curve
-    standins: Mapping[str, Curve]
+    equations: ErrorCurve
+    standins: Mapping[str, ErrorCurve]
     tolerance: tuple[float, float]
 
     @property
@@ -98,7 +98,7 @@ class StrokeSweep:
         return position <= position_limit and rotation <= rotation_limit
 
     @property
-    def curves(self) -> dict[str, Curve]:
+    def curves(self) -> dict[str, ErrorCurve]:
         """Errors of the equations, then of the simplified models, by name."""
         return {"equations": self.equations, **self.standins}
 
@@ -129,7 +129,7 @@ def sweep(
     """Compare equations and mechanism while one active joint moves from limit to limit.
 
     `home` (n,) contains the values of the other joints; `standins` names the simplified models to compute, of
-    `STANDINS`.
+    `SIMPLIFIED_MODELS`.
 
     Raises:
         TwinError: a simplified model is unknown, the joint has no limits, or no part of its stroke is reachable.
@@ -143,38 +143,38 @@ def sweep(
     q[:, i] = np.linspace(*limits, samples)
     if kin.determined or not kin.closed_inverse:
         start = model.solve(home)
-        Ts = _formula(kin, q, i, home, start.T_base_tool)
+        Ts = _poses_by_equations(kin, q, i, home, start.T_base_tool)
         q, Ts, run = _reachable(kin, model, q, Ts, i, home)
     else:
         q, Ts, run = _by_inverse(kin, model, q, i, home, tolerances)
-    curves: dict[str, Curve] = {}
+    curves: dict[str, ErrorCurve] = {}
     for name in standins:
         if name == "mimic":
-            curves[name] = _mimic(model, run, q[:, i])
+            curves[name] = _mimic_error(model, run, q[:, i])
         elif name == "serial":
-            curves[name] = _serial(run.Ts_base_tool, q[:, i])
+            curves[name] = _serial_error(run.Ts_base_tool, q[:, i])
         else:
-            raise TwinError(unknown("simplified loop model", name, STANDINS))
+            raise TwinError(unknown("simplified loop model", name, SIMPLIFIED_MODELS))
     return StrokeSweep(
         joint,
         angle=bool(kin.revolute[i]),
         q=q[:, i],
         limits=limits,
         gap=float(run.gaps[..., 0].max(initial=0.0)),
-        equations=_error(run.Ts_base_tool, Ts),
+        equations=_error_curve(run.Ts_base_tool, Ts),
         standins=curves,
         tolerance=(tolerances.position, tolerances.rotation),
     )
 
 
-def _error(true: Array, Ts: Array, note: str = "") -> Curve:
+def _error_curve(true: Array, Ts: Array, note: str = "") -> ErrorCurve:
     """Return the error of tool poses Ts (k, 4, 4) relative to the poses `true` of the mechanism."""
     offset = Ts[:, :3, 3] - true[:, :3, 3]
     turn = np.linalg.norm(rotation_vectors(true, Ts), axis=1)
-    return Curve(offset, turn, note)
+    return ErrorCurve(offset, turn, note)
 
 
-def _formula(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> Array:
+def _poses_by_equations(kin: Kinematics, q: Array, i: int, home: Array, T_home: Array) -> Array:
     """Return the equations' tool poses (k, 4, 4), solved from home towards both limits; NaN without a solution."""
     if kin.closed_forward:
         return kin.forward_many(q)
@@ -194,11 +194,11 @@ def _by_inverse(
     The inverse is evaluated at the tool poses of the mechanism. The tool poses of the equations are those of the
     mechanism at the joint values that result.
     """
-    first, last, run = _moved(kin, model, q, 0, len(q) - 1, i, home)
+    first, last, run = _states_of_mechanism(kin, model, q, 0, len(q) - 1, i, home)
     q = q[first : last + 1]
     Ts, _ = poses_by_inverse(kin, model, run, tolerances)
     answered = np.asarray(~np.isnan(Ts).any(axis=(1, 2)), bool)
-    is_regular = _regular(kin, run.Ts_base_tool, q, answered, i)
+    is_regular = _is_regular(kin, run.Ts_base_tool, q, answered, i)
     first, last = _around_home(is_regular, q, i, home)
     around_home = slice(first, last + 1)
     return q[around_home], Ts[around_home], model.collect(run.x[around_home])
@@ -209,13 +209,13 @@ def _reachable(
 ) -> tuple[Array, Array, SolvedSamples]:
     """Return (joint values, tool poses, run) around home, up to the first unsolved or near-singular state."""
     solved = np.asarray(np.isfinite(Ts).all(axis=(1, 2)), bool)
-    is_regular = _regular(kin, Ts, q, solved, i)
+    is_regular = _is_regular(kin, Ts, q, solved, i)
     first, last = _around_home(is_regular, q, i, home)
-    first, last, run = _moved(kin, model, q, first, last, i, home)
+    first, last, run = _states_of_mechanism(kin, model, q, first, last, i, home)
     return q[first : last + 1], Ts[first : last + 1], run
 
 
-def _regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -> np.ndarray:
+def _is_regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -> np.ndarray:
     """Return (k,) bool: whether the equations have a solution and are not near a singularity."""
     if not solved.any():
         raise KinematicsError(f"the equations have no solution anywhere on the stroke of '{kin.joints[i]}'")
@@ -241,7 +241,7 @@ def _around_home(is_usable: np.ndarray, q: Array, i: int, home: Array) -> tuple[
     return first, last
 
 
-def _moved(
+def _states_of_mechanism(
     kin: Kinematics, model: ReferenceModel, q: Array, first: int, last: int, i: int, home: Array
 ) -> tuple[int, int, SolvedSamples]:
     """Return (first index, last index, run) of the states from `first` to `last` that the mechanism reaches."""
@@ -262,21 +262,21 @@ def _moved(
     return first, last, model.collect(states)
 
 
-def _mimic(model: ReferenceModel, run: SolvedSamples, q: Array) -> Curve:
+def _mimic_error(model: ReferenceModel, run: SolvedSamples, q: Array) -> ErrorCurve:
     """Return the error of the model "mimic": each passive joint is a linear function of the driven joint."""
     tree = model.tree
     mechanism = model.mechanism
     path = [joint.name for joint in mechanism.path(mechanism.frame(mechanism.tool).body)]
     joint = _without_coordinate(model, run, path)
     if joint:
-        return Curve(
+        return ErrorCurve(
             np.zeros((0, 3)), np.zeros(0), f"none: joint '{joint}' between base and tool has no single coordinate"
         )
     active = {joint.name for joint in mechanism.active}
     states = run.x.copy()
     functions: list[str] = []
     for name, k in tree.configuration.items():
-        if name in active or name not in path or np.ptp(run.x[:, k]) <= _STILL:
+        if name in active or name not in path or np.ptp(run.x[:, k]) <= _CONSTANT_CHANGE:
             continue
         # the best that <mimic> can do: a worse fit would make the equations look better than they are
         slope, offset = np.polyfit(q, run.x[:, k], 1)
@@ -284,7 +284,7 @@ def _mimic(model: ReferenceModel, run: SolvedSamples, q: Array) -> Curve:
         functions.append(f"{name} = {slope:.5g} q {offset:+.5g}")
     note = "; ".join(functions) or "exact: no passive joint between base and tool moves"
     poses, _ = tree.update(states)
-    return _error(run.Ts_base_tool, tree.tool(poses), note)
+    return _error_curve(run.Ts_base_tool, tree.tool(poses), note)
 
 
 def _without_coordinate(model: ReferenceModel, run: SolvedSamples, path: list[str]) -> str:
@@ -298,12 +298,12 @@ def _without_coordinate(model: ReferenceModel, run: SolvedSamples, path: list[st
         if k < 0 or k in scalar:
             continue
         quaternion = run.x[:, k : k + 4]
-        if np.ptp(quaternion, axis=0).max() > _STILL:
+        if np.ptp(quaternion, axis=0).max() > _CONSTANT_CHANGE:
             return joint
     return ""
 
 
-def _serial(true: Array, q: Array) -> Curve:
+def _serial_error(true: Array, q: Array) -> ErrorCurve:
     """Return the error of the model with a fixed pivot or a straight line, fitted by least squares.
 
     The pivot model is p = c + R r, with the tool's position p and rotation R in `true` and constants c, r (3,) in m.
@@ -312,10 +312,10 @@ def _serial(true: Array, q: Array) -> Curve:
     p = true[:, :3, 3]
     k = len(p)
     turns_from_start = spatial.rotation_angle(np.swapaxes(R[:1], 1, 2) @ R)
-    if turns_from_start.max() < _STILL:
+    if turns_from_start.max() < _CONSTANT_CHANGE:
         A = np.column_stack([np.ones(k), q])
         fitted = A @ np.linalg.lstsq(A, p, rcond=None)[0]
-        return Curve(fitted - p, np.zeros(k), "a straight line: the tool does not turn")
+        return ErrorCurve(fitted - p, np.zeros(k), "a straight line: the tool does not turn")
     A = np.concatenate([np.tile(np.eye(3), (k, 1, 1)), R], axis=2).reshape(3 * k, 6)
     x = np.linalg.lstsq(A, p.reshape(-1), rcond=None)[0]
     fitted = (A @ x).reshape(k, 3)
@@ -325,4 +325,4 @@ def _serial(true: Array, q: Array) -> Curve:
     axis = directions[0]
     pivot = x[:3] - axis * (axis @ x[:3])
     listed = ", ".join(f"{coordinate * 1e3:.2f}" for coordinate in pivot)
-    return Curve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")
+    return ErrorCurve(fitted - p, np.zeros(k), f"pivot at ({listed}) mm")

@@ -17,7 +17,9 @@ from twin.core.result import Part, Result, TextTable
 from twin.core.units import DEG, MM, UM, display_unit
 from twin.validation.stroke import StrokeSweep
 
-_TOOL = Kind("stroke.tool", "disagreement", "`twin explain` finds an edit that fixes the equations", word="tolerance")
+_TOOL_DIFFERS = Kind(
+    "stroke.tool", "disagreement", "`twin explain` finds an edit that fixes the equations", word="tolerance"
+)
 
 
 class ToolRequirement(NamedTuple):
@@ -125,7 +127,7 @@ class Strokes(Result):
 def _disagreement(sweep: StrokeSweep) -> Finding:
     largest = float(sweep.equations.distance.max())
     limit = sweep.tolerance[0]
-    return _TOOL(
+    return _TOOL_DIFFERS(
         sweep.joint,
         f"over the stroke of {sweep.joint}, the equations and the mechanism give different tool positions",
         mm(largest),

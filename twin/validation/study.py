@@ -21,13 +21,13 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.schema import Table, at, load_toml
 
-_P = Annotated[float, Field(ge=0, le=1)]
+_PValue = Annotated[float, Field(ge=0, le=1)]
 _MeanStd = tuple[float, Annotated[float, Field(ge=0)]]
 _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
 
 
-_OF_RANKS = ("Mann-Whitney", "Wilcoxon")
+_RANK_TESTS = ("Mann-Whitney", "Wilcoxon")
 """Tests of ranks: rounding moves their p-values only if it changes the order, and printed order counts as right."""
 
 
@@ -39,7 +39,7 @@ class StudyMeasure(Table):
     physical: list[float] = Field(min_length=2)
     simulation: list[float] = Field(min_length=2)
     printed_mean: tuple[float, float]
-    printed_p: _P
+    printed_p: _PValue
 
     @model_validator(mode="after")
     def _paired(self) -> StudyMeasure:
@@ -57,7 +57,7 @@ class Rating(Table):
     name: str
     physical: _MeanStd
     simulation: _MeanStd
-    printed_p: _P
+    printed_p: _PValue
 
 
 class Claim(Table):
@@ -141,24 +141,26 @@ def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
     rows: list[StudyRow] = []
     findings: list[Finding] = []
     for measure in tables.measure:
-        row = _measure(measure)
+        row = _measure_row(measure)
         rows.append(row)
-        findings += _means(measure, row)
-        findings += _unreproduced(row)
+        findings += _findings_on_means(measure, row)
+        findings += _findings_on_p_value(row)
     for rating in tables.rating:
-        row = _rating(rating, tables.users)
+        row = _rating_row(rating, tables.users)
         rows.append(row)
-        findings += _unreproduced(row)
+        findings += _findings_on_p_value(row)
     for claim in tables.claim:
-        findings += _claim(claim, tables)
+        findings += _findings_on_claim(claim, tables)
     return rows, findings
 
 
-def _measure(measure: StudyMeasure) -> StudyRow:
+def _measure_row(measure: StudyMeasure) -> StudyRow:
     physical = np.array(measure.physical)
     simulation = np.array(measure.simulation)
     users = len(physical)
-    tests, reach = _with_reach(lambda cells: _tests(cells[:users], cells[users:]), np.append(physical, simulation))
+    tests, reach = _p_values_with_reach(
+        lambda cells: _p_values_of_users(cells[:users], cells[users:]), np.append(physical, simulation)
+    )
     means = (float(physical.mean()), float(simulation.mean()))
     return StudyRow(
         measure.name,
@@ -169,7 +171,7 @@ def _measure(measure: StudyMeasure) -> StudyRow:
     )
 
 
-def _with_reach(
+def _p_values_with_reach(
     compute: Callable[[Array], dict[str, float]], cells: Array
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return (p-values of the tests, how far each can move if every cell (n,) is off by half of its last digit)."""
@@ -181,13 +183,13 @@ def _with_reach(
         above = compute(cells + step)
         below = compute(cells - step)
         for test, p in tests.items():
-            if test in _OF_RANKS:
+            if test in _RANK_TESTS:
                 continue
             reach[test] += max(abs(above.get(test, p) - p), abs(below.get(test, p) - p))
     return tests, reach
 
 
-def _tests(physical: Array, simulation: Array) -> dict[str, float]:
+def _p_values_of_users(physical: Array, simulation: Array) -> dict[str, float]:
     """Return {test: p-value} for the values (users,) with the robot and with the simulation."""
     from scipy import stats
 
@@ -202,7 +204,7 @@ def _tests(physical: Array, simulation: Array) -> dict[str, float]:
     return tests
 
 
-def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
+def _findings_on_means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
     """Return a finding for each printed mean that is not the mean of the printed rows."""
     findings: list[Finding] = []
     means = row.means["of the rows"]
@@ -223,15 +225,15 @@ def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
     return findings
 
 
-def _rating(rating: Rating, users: int) -> StudyRow:
+def _rating_row(rating: Rating, users: int) -> StudyRow:
     mean_1, std_1 = rating.physical
     mean_2, std_2 = rating.simulation
     cells = np.array([mean_1, std_1, mean_2, std_2])
-    tests, reach = _with_reach(lambda cells: _rating_tests(cells, users), cells)
+    tests, reach = _p_values_with_reach(lambda cells: _p_values_of_ratings(cells, users), cells)
     return StudyRow(rating.name, rating.printed_p, tests=tests, reach=reach, means={"printed": (mean_1, mean_2)})
 
 
-def _rating_tests(cells: Array, users: int) -> dict[str, float]:
+def _p_values_of_ratings(cells: Array, users: int) -> dict[str, float]:
     """Return {test: p-value} for cells (4,): mean and deviation with the robot, and those with the simulation."""
     from scipy import stats
 
@@ -250,7 +252,7 @@ def _rating_tests(cells: Array, users: int) -> dict[str, float]:
     return tests
 
 
-def _unreproduced(row: StudyRow) -> list[Finding]:
+def _findings_on_p_value(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
     recomputed = [f"{test} {p:.3f}" for test, p in row.tests.items()]
@@ -270,7 +272,7 @@ def _unreproduced(row: StudyRow) -> list[Finding]:
     ]
 
 
-def _claim(claim: Claim, tables: Tables) -> list[Finding]:
+def _findings_on_claim(claim: Claim, tables: Tables) -> list[Finding]:
     exceptions: list[str] = []
     if claim.holds == "simulation_above_physical":
         for rating in tables.rating:

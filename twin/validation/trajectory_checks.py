@@ -12,21 +12,23 @@ from twin.planning.check import check
 from twin.validation.case import Case
 from twin.validation.checked_plan import retimed
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.margins import margins, of_mechanism
+from twin.validation.margins import margin_texts, mechanism_margins
 from twin.validation.rcm_between_samples import between_samples
-from twin.validation.rcm_fixes import fixes
+from twin.validation.rcm_fixes import rcm_fixes
 from twin.validation.residual_rows import row
-from twin.validation.sampled_timing import timing
+from twin.validation.sampled_timing import check_rates
 from twin.validation.unit_mistakes import wide_limits
 
-_MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
-_PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word="")
+_RCM_MISSED = Kind("rcm.mechanism", "disagreement", word="tolerance")
+_PASSIVE_LIMIT_EXCEEDED = Kind(
+    "limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word=""
+)
 
-_NO_CLOCK = ("timing.clock", "timing.phases")
+_CLOCK_CODES = ("timing.clock", "timing.phases")
 """Codes of findings on times and phases, without which rates cannot be computed."""
 
 
-def about_rcm(case: Case, comparison: EquationsComparison) -> None:
+def check_rcm(case: Case, comparison: EquationsComparison) -> None:
     """Check the distance of the driven mechanism's shaft from the RCM, in each phase with an RCM."""
     run = comparison.driven
     trajectory = case.trajectory
@@ -58,7 +60,7 @@ def about_rcm(case: Case, comparison: EquationsComparison) -> None:
         )
         if enforced:
             when = f"{span.name}, t = {residual.t:.2f} s"
-            comparison.judge(residual, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
+            comparison.judge(residual, _RCM_MISSED, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
         else:
             comparison.residuals.append(residual)
 
@@ -68,7 +70,7 @@ def _tool_follows(comparison: EquationsComparison) -> bool:
     return any(residual.quantity == "tool" and residual.consequence_of for residual in comparison.residuals)
 
 
-def passive_limits(case: Case, comparison: EquationsComparison) -> None:
+def check_passive_limits(case: Case, comparison: EquationsComparison) -> None:
     """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
     run = comparison.posed
     joints = case.model.mechanism.limited
@@ -95,30 +97,30 @@ def passive_limits(case: Case, comparison: EquationsComparison) -> None:
         if margin[k] < 0:
             beyond = moved(-margin[k], joint.is_angle)
             what = f"passive joint {joint.name} is {beyond} beyond its limit"
-            comparison.findings.append(_PASSIVE(joint.name, what, beyond, 0.0, when=when))
+            comparison.findings.append(_PASSIVE_LIMIT_EXCEEDED(joint.name, what, beyond, 0.0, when=when))
     comparison.facts["limits of passive joints"] = margins_left
 
 
-def passage(case: Case, comparison: EquationsComparison) -> None:
+def check_between_samples(case: Case, comparison: EquationsComparison) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if comparison.driven is not None and not _tool_follows(comparison):
         between_samples(
             case.model, case.trajectory, tolerance=case.protocol.tolerances.rcm, comparison=comparison, clock=case.clock
         )
     if comparison.posed is not None:
-        facts, findings, curves = of_mechanism(case.model, comparison.posed, comparison.coarse, case.clock)
+        facts, findings, curves = mechanism_margins(case.model, comparison.posed, comparison.coarse, case.clock)
         comparison.facts["margins along the path"] = facts
         comparison.findings += findings
         comparison.series |= curves
 
 
-def of_protocol(case: Case, comparison: EquationsComparison) -> list[Finding]:
+def check_protocol(case: Case, comparison: EquationsComparison) -> list[Finding]:
     """Add facts on the motion to `comparison`; return findings of the planner, and of the checks by samples alone."""
     trajectory = case.trajectory
     mechanism = case.cad.mechanism
-    facts, from_samples = timing(trajectory, mechanism, case.protocol)
+    facts, from_samples = check_rates(trajectory, mechanism, case.protocol)
     comparison.facts["timing, from the samples alone"] = facts
-    has_clock = not any(finding.code in _NO_CLOCK for finding in from_samples)
+    has_clock = not any(finding.code in _CLOCK_CODES for finding in from_samples)
     if has_clock:
         rows, facts, by_second_solver = retimed(trajectory, mechanism, case.protocol)
         comparison.residuals += rows
@@ -133,9 +135,9 @@ def of_protocol(case: Case, comparison: EquationsComparison) -> list[Finding]:
         if finding not in of_plan:
             added.append(finding)
     of_plan += added
-    along_path = margins(trajectory, mechanism, case.paths, case.clock)
+    along_path = margin_texts(trajectory, mechanism, case.paths, case.clock)
     comparison.facts["margins along the path"] = along_path | comparison.facts.get("margins along the path", {})
-    ways, notes = fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))
+    ways, notes = rcm_fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))
     if ways:
         comparison.facts["ways to keep the RCM"] = ways
     return [*of_plan, *from_samples, *notes]

@@ -31,10 +31,10 @@ from twin.validation.result import Residual
 
 HEADING = "tip and trocar by three methods"
 
-PROBLEMS = 300
+PROBLEM_COUNT = 300
 """Number of random problems, and of random postures to start from."""
 
-EXACT = 1e-12
+METHODS_TOLERANCE = 1e-12
 """Tolerance in m between the methods: rounding errors of an arm of 1 m are a thousandth of it."""
 
 SEARCHES = {
@@ -56,22 +56,22 @@ class SearchOutcome(IntEnum):
 OUTCOMES = ("solved", "arm beyond the tip", "not converged")
 """Texts of the outcomes of a search."""
 
-_STARTS = 48
+_MOST_STARTS = 48
 """Maximum number of starts of a search for one problem."""
 
-_EXCESS = 1e-9
+_LIMIT_ROUNDING = 1e-9
 """Excess over a joint limit in m or rad that is a rounding error."""
 
 _SEED = 0
 """Seed of the random problems and postures."""
 
-_DEPTHS = (0.125, 0.875)
+_DEPTH_RANGE = (0.125, 0.875)
 """Smallest and largest insertion depth of a problem, relative to the distance from wrist to tip."""
 
-_SHARPENED = 100.0
-"""Weight of the task of the joint-space method, so that it ends where the wrist is determined within `EXACT`."""
+_TASK_WEIGHT = 100.0
+"""Weight of the task of the joint-space method: it then ends where the wrist is exact to `METHODS_TOLERANCE`."""
 
-_PHASE = "random problems"
+_PROBLEMS_PHASE = "random problems"
 
 _DIFFERS = Kind(
     "trocar.differs", "disagreement", "correct the rows of the optimisation or the inverse equations", word="tolerance"
@@ -124,7 +124,7 @@ class OneStartResult:
         return (*map(str, numbers), median)
 
 
-def three_methods(case: Case, comparison: EquationsComparison, number: int = PROBLEMS) -> None:
+def compare_three_methods(case: Case, comparison: EquationsComparison, number: int = PROBLEM_COUNT) -> None:
     """Add rows, findings, a table and curves of the comparison to `comparison`; skip it if a row of `out` disagrees.
 
     `number` is the number of random problems.
@@ -137,7 +137,7 @@ def three_methods(case: Case, comparison: EquationsComparison, number: int = PRO
             comparison.facts[HEADING] = {"compared": "no, because other rows disagree"}
             return
     try:
-        _compare(kin, case.model, case.cad.mechanism.limits, case, comparison, number)
+        _compare_methods(kin, case.model, case.cad.mechanism.limits, case, comparison, number)
     except KinematicsError as error:
         comparison.findings.append(_DIFFERS(kin.formula.name, f"tip and trocar cannot be solved: {error}", None, None))
 
@@ -153,12 +153,12 @@ def random_problems(kin: Kinematics, solver: PointSolver, limits: Array, number:
     Ts = kin.forward_many(qs)
     tips = Ts[:, :3, 3]
     length = np.linalg.norm(solver.places(qs)[:, -1] - tips, axis=1)
-    depths = rng.uniform(*_DEPTHS, number) * length
+    depths = rng.uniform(*_DEPTH_RANGE, number) * length
     trocars = tips - depths[:, None] * (Ts[:, :3, :3] @ np.asarray(solver.search.axis))
     return Problems(Ts, tips, trocars, rng.uniform(low, high, (number, len(low))))
 
 
-def by_points(solver: PointSolver, problems: Problems, outside: bool = False) -> OneStartResult:
+def search_by_points(solver: PointSolver, problems: Problems, outside: bool = False) -> OneStartResult:
     """Run the search for points once for each problem; `outside`: start with the wrist outside the trocar."""
     begin = solver.places(problems.starts)
     if outside:
@@ -171,7 +171,9 @@ def by_points(solver: PointSolver, problems: Problems, outside: bool = False) ->
     return OneStartResult(search.history, outcome, search.iterations)
 
 
-def by_joints(kin: Kinematics, problems: Problems, limits: Array, axis: tuple[float, float, float]) -> OneStartResult:
+def search_by_joints(
+    kin: Kinematics, problems: Problems, limits: Array, axis: tuple[float, float, float]
+) -> OneStartResult:
     """Run the joint-space search once for each problem, within the limits; the arm is never beyond the tip."""
     histories: list[list[float]] = []
     outcome = np.full(len(problems.starts), SearchOutcome.SOLVED, int)
@@ -211,46 +213,46 @@ class _Solutions:
     by_all: np.ndarray
 
 
-def _compare(
+def _compare_methods(
     kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, comparison: EquationsComparison, number: int
 ) -> None:
     solver = point_solver(kin)
     problems = random_problems(kin, solver, limits, number)
-    solutions = _solved(kin, solver, problems, limits)
+    solutions = _solutions_of_methods(kin, solver, problems, limits)
     _judge_wrists(solver, solutions, comparison)
-    _along(solver, case, comparison)
-    _mechanism(model, problems, solutions, solver.search.axis, case, comparison)
+    _judge_along_protocol(solver, case, comparison)
+    _judge_mechanism(model, problems, solutions, solver.search.axis, case, comparison)
     searches = {
-        "search.points": by_points(solver, problems),
-        "search.outside": by_points(solver, problems, outside=True),
-        "search.joints": by_joints(kin, problems, limits, solver.search.axis),
+        "search.points": search_by_points(solver, problems),
+        "search.outside": search_by_points(solver, problems, outside=True),
+        "search.joints": search_by_joints(kin, problems, limits, solver.search.axis),
     }
     q_equations = kin.inverse_many(problems.Ts)
     inside = ((q_equations >= limits[:, 0]) & (q_equations <= limits[:, 1])).all(axis=1)
-    comparison.tables[HEADING] = _table(solver, searches, solutions, int(inside.sum()))
+    comparison.tables[HEADING] = _methods_table(solver, searches, solutions, int(inside.sum()))
     comparison.facts[HEADING] = {
         "problems": f"{count(number, 'problem')} drawn within the joint limits, with one random posture each",
         "source": solver.search.source,
-        "solved": f"from one start; {_STARTS} starts: within the joint limits too. Closed form: within the limits at "
-        "the elbow of the equations; other elbows are not tried",
+        "solved": f"from one start; {_MOST_STARTS} starts: within the joint limits too. Closed form: within the limits "
+        "at the elbow of the equations; other elbows are not tried",
     }
     for key, result in searches.items():
         comparison.series |= {key: result.history, f"{key}.outcome": result.outcome}
 
 
-def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Array) -> _Solutions:
+def _solutions_of_methods(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Array) -> _Solutions:
     """Solve all problems by each method, the searches from several starts."""
     closed = solver.closed(problems.Ts)
-    points = solver.solve_many(problems.tips, problems.trocars, limits, starts=_STARTS)
+    points = solver.solve_many(problems.tips, problems.trocars, limits, starts=_MOST_STARTS)
     joints = np.full_like(problems.starts, np.nan)
     for i, (tip, trocar) in enumerate(zip(problems.tips, problems.trocars, strict=True)):
-        task = _SHARPENED * (Tip(tip) + Trocar(trocar, solver.search.axis))
+        task = _TASK_WEIGHT * (Tip(tip) + Trocar(trocar, solver.search.axis))
         # each problem with a seed of its own, so that it does not depend on the problems before
         try:
-            joints[i] = solve(kin, task, limits=limits, starts=_STARTS, any_branch=True, rng=i).q
+            joints[i] = solve(kin, task, limits=limits, starts=_MOST_STARTS, any_branch=True, rng=i).q
         except KinematicsError:
             continue
-    within_limits = points.excess <= _EXCESS
+    within_limits = points.excess <= _LIMIT_ROUNDING
     by_joints_solved = np.asarray(np.isfinite(joints).all(axis=1))
     wrists = closed[:, -1]
     off_points = np.linalg.norm(points.points[:, -1] - wrists, axis=1)
@@ -274,27 +276,27 @@ def _judge_wrists(solver: PointSolver, solutions: _Solutions, comparison: Equati
     chosen = solutions.by_all
     note = f"against the closed form, at {chosen.sum()} of {len(chosen)} random problems, which all methods solve"
     what = "the methods for tip and trocar give different positions"
-    _row(
+    _add_row(
         comparison,
         "A",
         f"{wrist} by points",
         differences=solutions.off_points[chosen],
-        tolerance=EXACT,
+        tolerance=METHODS_TOLERANCE,
         note=note,
         what=what,
     )
-    _row(
+    _add_row(
         comparison,
         "A",
         f"{wrist} by joints",
         differences=solutions.off_joints[chosen],
-        tolerance=EXACT,
+        tolerance=METHODS_TOLERANCE,
         note=note,
         what=what,
     )
 
 
-def _table(
+def _methods_table(
     solver: PointSolver, searches: Mapping[str, OneStartResult], solutions: _Solutions, closed_inside: int
 ) -> TextTable:
     """Return the table of all methods.
@@ -306,8 +308,8 @@ def _table(
     wrist = solver.search.unknowns[-1]
     chosen = solutions.by_all
     # the search from several starts also begins with the wrist outside the trocar, so that its numbers are in that row
-    points_solved = (f"{solutions.within_limits.sum()}", _largest(solutions.off_points[chosen]))
-    joints_solved = (f"{solutions.by_joints.sum()}", _largest(solutions.off_joints[chosen]))
+    points_solved = (f"{solutions.within_limits.sum()}", _largest_text(solutions.off_points[chosen]))
+    joints_solved = (f"{solutions.by_joints.sum()}", _largest_text(solutions.off_joints[chosen]))
     from_random = searches["search.points"].cells()
     from_outside = searches["search.outside"].cells()
     by_joint_search = searches["search.joints"].cells()
@@ -318,7 +320,7 @@ def _table(
             "arm beyond tip",
             "not converged",
             "steps",
-            f"solved in {_STARTS} starts",
+            f"solved in {_MOST_STARTS} starts",
             f"{wrist} off by",
         ),
         (
@@ -330,12 +332,12 @@ def _table(
     )
 
 
-def _largest(distances: Array) -> str:
+def _largest_text(distances: Array) -> str:
     """Return the largest of some distances in m as text, also below 1 pm."""
     return f"{power(float(distances.max(initial=0.0)), 2)} m"
 
 
-def _along(solver: PointSolver, case: Case, comparison: EquationsComparison) -> None:
+def _judge_along_protocol(solver: PointSolver, case: Case, comparison: EquationsComparison) -> None:
     """Add a row for each point: the search against the closed form at the tool poses of the protocol."""
     Ts = case.trajectory.Ts_base_tool[comparison.coarse]
     q = solver.inverse_many(Ts)
@@ -344,19 +346,19 @@ def _along(solver: PointSolver, case: Case, comparison: EquationsComparison) -> 
         distances = distance[:, i][np.isfinite(distance[:, i])]
         note = f"against the closed form, at {len(distances)} of {len(Ts)} poses of the protocol"
         what = "along the protocol, the optimisation and the closed form give different positions"
-        _row(
+        _add_row(
             comparison,
             "A",
             f"{name} along the protocol",
             differences=distances,
-            tolerance=EXACT,
+            tolerance=METHODS_TOLERANCE,
             note=note,
             what=what,
             phase="protocol",
         )
 
 
-def _mechanism(
+def _judge_mechanism(
     model: ReferenceModel,
     problems: Problems,
     solutions: _Solutions,
@@ -376,7 +378,7 @@ def _mechanism(
     distance = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)
     missed = np.linalg.norm(np.cross(trocars - Ts[:, :3, 3], shaft), axis=1)
     for name, values in (("tip by points", distance), ("shaft by points", missed)):
-        _row(
+        _add_row(
             comparison,
             "A-B",
             name,
@@ -387,7 +389,7 @@ def _mechanism(
         )
 
 
-def _row(
+def _add_row(
     comparison: EquationsComparison,
     pair: str,
     name: str,
@@ -395,7 +397,7 @@ def _row(
     tolerance: float,
     note: str,
     what: str,
-    phase: str = _PHASE,
+    phase: str = _PROBLEMS_PHASE,
 ) -> None:
     """Add a row for differences (k,) in m and, if it disagrees, a finding."""
     if not len(differences):

@@ -13,15 +13,15 @@ from twin.validation.case import Case
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.residual_rows import row
 
-SINGLE = 1e-6
+SINGLE_PRECISION = 1e-6
 """Tolerance in m of a position stored in single precision."""
 
-_TROCAR = Kind(
+_SHAFT_MISSES_TROCAR = Kind(
     "rcm.trocar", "disagreement", "correct the frames of the trocar's joints or of the instrument", word="tolerance"
 )
 
 
-def through_trocars(case: Case, comparison: EquationsComparison) -> None:
+def check_shafts_through_trocars(case: Case, comparison: EquationsComparison) -> None:
     """Check the distance of each shaft axis from its trocar along the motion."""
     run = comparison.posed
     mechanism = case.cad.mechanism
@@ -49,10 +49,10 @@ def through_trocars(case: Case, comparison: EquationsComparison) -> None:
             clock=times,
             note=f"{shaft.body} in trocar {name}",
         )
-        comparison.judge(residual, _TROCAR, f"{shaft.body} misses trocar '{name}'")
+        comparison.judge(residual, _SHAFT_MISSES_TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 
-def as_written(case: Case) -> list[Finding]:
+def check_written_trocars(case: Case) -> list[Finding]:
     """Return a finding for each trocar whose position in the baked motion differs from the protocol."""
     mechanism = case.cad.mechanism
     if case.written is None or not mechanism.trocars:
@@ -66,7 +66,7 @@ def as_written(case: Case) -> list[Finding]:
         if name not in written:
             continue  # a trocar missing on the stage is reported by the comparison of the stage
         distance = float(np.linalg.norm(written[name] - place))
-        if distance <= SINGLE:
+        if distance <= SINGLE_PRECISION:
             continue
         position = ", ".join(f"{coordinate / MM:.3f}" for coordinate in written[name])
         text = (
@@ -79,7 +79,7 @@ def as_written(case: Case) -> list[Finding]:
                 name,
                 text,
                 size=mm(distance),
-                limit=mm(SINGLE),
+                limit=mm(SINGLE_PRECISION),
                 suggestion="run `twin build` again",
             )
         )

@@ -11,16 +11,16 @@ from twin.core.quantity import mm, moved
 from twin.model.mechanism import Mechanism
 from twin.reference.mating import LOOSE, Mate
 
-TURNS = 8 * np.pi
+LARGEST_PLAUSIBLE_TURN = 8 * np.pi
 """Range in rad of an angular joint above which its limits are probably in a wrong unit."""
 
-SIZES = 4.0
+LARGEST_PLAUSIBLE_SLIDE = 4.0
 """Range of a sliding joint, divided by the robot's size, above which its limits are probably in a wrong unit."""
 
-_IMPLAUSIBLE = Kind(
+_RANGE_IMPLAUSIBLE = Kind(
     "limit.implausible", "disagreement", "check the unit of its limits; omit the limits of a joint without end stops"
 )
-_APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
+_PARTS_APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
 
 
 def wide_limits(mechanism: Mechanism) -> list[Finding]:
@@ -32,11 +32,11 @@ def wide_limits(mechanism: Mechanism) -> list[Finding]:
             continue
         low, high = joint.limits
         width = high - low
-        most = TURNS if joint.is_angle else SIZES * size
+        most = LARGEST_PLAUSIBLE_TURN if joint.is_angle else LARGEST_PLAUSIBLE_SLIDE * size
         if most > 0 and width > most:
             text = f"joint {joint.name} has an implausibly wide range"
             range_width = moved(width, joint.is_angle)
-            findings.append(_IMPLAUSIBLE(joint.name, text, range_width, moved(most, joint.is_angle)))
+            findings.append(_RANGE_IMPLAUSIBLE(joint.name, text, range_width, moved(most, joint.is_angle)))
     return findings
 
 
@@ -60,5 +60,5 @@ def parts_apart(mates: Iterable[Mate]) -> list[Finding]:
             continue
         first, second = mate.parts
         text = f"the parts of joint '{mate.joint}', {first} and {second}, are apart in the CAD"
-        findings.append(_APART(mate.joint, text, mm(mate.distance), mm(LOOSE), when="as drawn"))
+        findings.append(_PARTS_APART(mate.joint, text, mm(mate.distance), mm(LOOSE), when="as drawn"))
     return findings

@@ -35,8 +35,8 @@ from twin.planning.plan import plan
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.baked_motion import MeasuredMotion, measure, samples, written_motion
-from twin.validation.case import PARTS, Case, Known, Part, summaries
+from twin.validation.baked_motion import MeasuredMotion, existing_motion, measure_motion, sampled_motion
+from twin.validation.case import PARTS, Case, KnownResults, Part, phase_summaries
 from twin.validation.equation_checks import compare
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.judge import judge
@@ -148,17 +148,17 @@ class Bench:
     @cached_property
     def correct_report(self) -> Report:
         """Validation report of the correct robot, by all parts of the validator."""
-        return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
+        return judge(self.case(), known=KnownResults(measured=self.measured), parts=PARTS)
 
     @cached_property
     def measured(self) -> MeasuredMotion:
         """Measurements of the correct mechanism along the motion."""
-        return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
+        return measure_motion(self.robot.mechanism, sampled_motion(self.trajectory), self.case().written)
 
     @cached_property
     def equations_comparison(self) -> EquationsComparison:
         """Comparison of the equations with the correct mechanism."""
-        clock = SampleClock(self.trajectory.t, summaries(self.trajectory))
+        clock = SampleClock(self.trajectory.t, phase_summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
         return compare(
             self.kin,
@@ -172,7 +172,7 @@ class Bench:
     @cached_property
     def link_poses(self) -> tuple[Array, dict[str, Array]]:
         """Key times (k,) in s, and {link: poses T_base_link (k, 4, 4)} of the correct robot at these times."""
-        key_times = samples(self.trajectory).keys
+        key_times = sampled_motion(self.trajectory).keys
         model = ReferenceModel(self.robot.mechanism)
         motion = self.trajectory.on(model, key_times)
         return key_times, model.link_poses(motion.x)
@@ -260,7 +260,7 @@ class Bench:
             # the motion stays that of the correct equations: only the validator sees the faulty ones
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
             yield self._new_finding(judge(case, parts=_EQUATIONS))
-            yield self._new_finding(judge(case, parts=PARTS, known=Known(measured=self.measured)))
+            yield self._new_finding(judge(case, parts=PARTS, known=KnownResults(measured=self.measured)))
         elif fault.mechanism is not None:
             yield from self._of_mechanism(fault.mechanism(), folder)
         elif faulty_stage is not None:
@@ -304,10 +304,10 @@ class Bench:
         # the stage changes no equation: their comparison is taken over, without what it found
         series = dict(self.equations_comparison.series)
         unchanged_comparison = replace(self.equations_comparison, residuals=[], findings=[], facts={}, series=series)
-        yield self._new_finding(judge(case, parts=_STAGE, known=Known(unchanged_comparison)))
+        yield self._new_finding(judge(case, parts=_STAGE, known=KnownResults(unchanged_comparison)))
         # only the written motion is measured anew: equations and mechanism are those of the correct robot
-        measured = replace(self.measured, written=written_motion(case.written, *self.link_poses))
-        yield self._new_finding(judge(case, parts=_MOTION, known=Known(unchanged_comparison, measured)))
+        measured = replace(self.measured, written=existing_motion(case.written, *self.link_poses))
+        yield self._new_finding(judge(case, parts=_MOTION, known=KnownResults(unchanged_comparison, measured)))
 
     def _of_protocol(self, protocol: Protocol, slow: bool) -> Iterator[Finding | None]:
         """Yield the new findings on a protocol; `slow` is whether the fault may have made a speed too small."""

@@ -22,7 +22,7 @@ from twin.core.errors import TwinError
 from twin.formula.contract import Formula
 from twin.robots import load_formula
 from twin.validation.explain.function_source import Edit, Source, patched
-from twin.validation.explain.name_pool import pool
+from twin.validation.explain.name_pool import name_pool
 from twin.validation.explain.statement_edits import statement_edits
 
 KINDS: dict[str, tuple[str, ...]] = {
@@ -112,7 +112,7 @@ def _random_edit(
         return None
     statement = random_item(statements, rng)
     arguments = set(source.arguments)
-    names_in_scope = pool(source, statement, arguments, parameter_names & arguments, scope)
+    names_in_scope = name_pool(source, statement, arguments, parameter_names & arguments, scope)
     # A misprint changes one place; an edit that needs a definition elsewhere is none.
     misprints = []
     for edit in statement_edits(source, statement, names_in_scope, kinds):

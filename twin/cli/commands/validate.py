@@ -175,7 +175,7 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     from twin.cli.option_values import stated_variants
     from twin.core import assets
     from twin.core.errors import unknown
-    from twin.validation.stroke import STANDINS
+    from twin.validation.stroke import SIMPLIFIED_MODELS
 
     standins = tuple(filter(None, (args.compare or "").split(",")))
     joints: tuple[str, ...] = ()
@@ -185,8 +185,8 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     if isinstance(variants, str):
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
     for name in standins:
-        if name not in STANDINS:
-            raise TwinError(f"--compare: {unknown('simplified loop model', name, STANDINS)}")
+        if name not in SIMPLIFIED_MODELS:
+            raise TwinError(f"--compare: {unknown('simplified loop model', name, SIMPLIFIED_MODELS)}")
     for name in joints:
         if name not in robot.joints:
             raise TwinError(f"--sweep: {unknown('active joint', name, robot.joints)}")

@@ -10,7 +10,7 @@ from twin.core.format import power
 from twin.core.spatial import Array
 from twin.ui.report.style import FIT, INK, NEAR, UNFIT, headline, log_ticks, panels
 from twin.validation.result import Report
-from twin.validation.trocar_methods import EXACT, OUTCOMES, SEARCHES
+from twin.validation.trocar_methods import METHODS_TOLERANCE, OUTCOMES, SEARCHES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,10 +59,10 @@ def convergence(report: Report) -> Figure | None:
         ax.set_ylim(_MIN_RESIDUAL, _MAX_RESIDUAL)
         ax.set_xlim(0, _LAST_STEP)
         ax.set_xlabel("step")
-        ax.axhline(EXACT, color=INK, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
+        ax.axhline(METHODS_TOLERANCE, color=INK, lw=1.0, ls=(0, (5, 2)), zorder=1.8)
         ax.annotate(
             "tolerance",
-            (1, EXACT),
+            (1, METHODS_TOLERANCE),
             (-2, 2),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",

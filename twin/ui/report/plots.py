@@ -33,7 +33,7 @@ from twin.ui.report.style import (
     phase_bands,
     styled,
 )
-from twin.validation.fulcrum import OUTSIDE
+from twin.validation.fulcrum import OUTER_POINT_DISTANCE
 from twin.validation.result import Report, RowKind
 
 if TYPE_CHECKING:
@@ -231,7 +231,9 @@ def fulcrum(report: Report) -> Figure | None:
     ax = axes[0][0]
     ax.axhline(0, color=INK, lw=0.6)
     ax.plot(*plot_data.thin(t, tip), color=PALETTE[0], label="tip")
-    ax.plot(*plot_data.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
+    ax.plot(
+        *plot_data.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTER_POINT_DISTANCE / MM:g} mm outside the trocar"
+    )
     ax.set_ylabel("sideways [mm]")
     legend_above(ax)
     return _finish(figure, axes, report)

@@ -8,7 +8,7 @@ from typing import Literal
 from twin.core.errors import TwinError, unknown
 from twin.core.json_types import JsonObject
 from twin.simulation.session.trial_table import TrialTable
-from twin.validation.questionnaires import BEFORE, Key, keys
+from twin.validation.questionnaires import BEFORE_PREFIX, QuestionnaireKey, keys
 
 When = Literal["before", "after"]
 
@@ -26,7 +26,7 @@ def unanswered(trials: TrialTable, when: When, names: Sequence[str]) -> list[str
 
 def _prefix(when: When) -> str:
     """Return the first letters of the columns of the answers in the table of trials."""
-    return BEFORE if when == "before" else ""
+    return BEFORE_PREFIX if when == "before" else ""
 
 
 class QuestionnaireForms:
@@ -56,7 +56,7 @@ class QuestionnaireForms:
         self._first = trials.trial + 1
         self._after = [questionnaires[name] for name in after]
         self._used = {name: questionnaires[name] for name in (*before, *after)}
-        self.due: list[tuple[When, Key]] = []
+        self.due: list[tuple[When, QuestionnaireKey]] = []
         for name in before:
             self.due.append(("before", questionnaires[name]))
 
@@ -67,7 +67,7 @@ class QuestionnaireForms:
 
     def restart(self) -> None:
         """Forget what was not answered after the last attempt."""
-        unanswered_before: list[tuple[When, Key]] = []
+        unanswered_before: list[tuple[When, QuestionnaireKey]] = []
         for when, key in self.due:
             if when == "before":
                 unanswered_before.append((when, key))

@@ -22,23 +22,23 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.expression_shifts import Shift
-from twin.validation.explain.function_source import Edit, Source, Statement, apply, comprehension_targets
+from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets, text_after_edits
 from twin.validation.explain.plain_values import scalar_form, unwrapped
 from twin.validation.explain.term_texts import Atom
 
-_LONGEST_EXPRESSION = 240
+_LONGEST_EXPRESSION_TEXT = 240
 """Maximum length of an expression that is written with other names."""
 
 _MOST_NAMES = 8
 """Maximum number of names of such an expression."""
 
-_MOST_UNREAD = 4
+_MOST_UNREAD_NAMES = 4
 """Maximum number of names without a reader; with more of them, the function is not one with a missing term."""
 
-_MOST_EVALUATED = 2500
+_MOST_EVALUATIONS = 2500
 """Maximum number of expressions that are evaluated for one statement, of each kind."""
 
-_MOST_FOREIGN = 3
+_MOST_FOREIGN_NAMES = 3
 """Maximum number of names that only another row has."""
 
 
@@ -56,7 +56,7 @@ class _Template:
     row: frozenset[str] = frozenset()
 
 
-_Choices = tuple[_Template, list[dict[str, str]]]
+_Renamings = tuple[_Template, list[dict[str, str]]]
 """An expression, and choices of names {old: new} to write in it."""
 
 
@@ -65,17 +65,17 @@ def scalar_values(code: CodeType, shift: Shift) -> Array | None:
     each = len(shift.added) // len(shift.scopes)
     parts: list[Array] = []
     for scope in shift.scopes:
-        values = _evaluated(code, scope, {}, each)
+        values = _scalar_in_scope(code, scope, {}, each)
         if values is None:
             return None
         parts.append(values)
     all_values = np.concatenate(parts)
-    if not _is_something(all_values):
+    if not _has_nonzero_value(all_values):
         return None
     return all_values
 
 
-def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any], k: int) -> Array | None:
+def _scalar_in_scope(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any], k: int) -> Array | None:
     """Return the values (k,) of an expression in a scope, in which `names` have other values; None if no scalar."""
     try:
         value = eval(code, dict(scope), names)
@@ -90,14 +90,14 @@ def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any
     return np.broadcast_to(np.asarray(x, float), (k,))
 
 
-def _is_something(values: Array) -> bool:
+def _has_nonzero_value(values: Array) -> bool:
     """Return whether values are finite somewhere, and not zero everywhere."""
     if not np.isfinite(values).any():
         return False
     return bool(np.nanmax(np.abs(values)) > 0)
 
 
-def _of_replacements(
+def _values_of_renamings(
     template: _Template, replacements: Sequence[Mapping[str, str]], shift: Shift
 ) -> Iterator[tuple[str, Array]]:
     """Yield (text, values (k,)) of an expression for each choice of other names, by one evaluation for all."""
@@ -117,13 +117,13 @@ def _of_replacements(
                     return
                 columns.append(np.broadcast_to(np.asarray(x, float), (each,)))
             names[name] = as_scalar(np.concatenate(columns))
-        values = _evaluated(template.code, scope, names, count * each)
+        values = _scalar_in_scope(template.code, scope, names, count * each)
         if values is None:
             return
         parts.append(values.reshape(count, each))
     for replaced, values in zip(replacements, np.hstack(parts), strict=True):
-        if _is_something(values):
-            yield _written(template, replaced), values
+        if _has_nonzero_value(values):
+            yield _renamed_text(template, replaced), values
 
 
 def unread_names(source: Source, statement: Statement, fixed: Sequence[Edit] = ()) -> set[str]:
@@ -151,29 +151,29 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
     for name in sorted(unread_names(source, statement, fixed)):
         if scalar_values(compile(name, "<explain>", "eval"), shift) is not None:
             unread.append(name)
-    if len(unread) > _MOST_UNREAD:
+    if len(unread) > _MOST_UNREAD_NAMES:
         unread = []  # most of them are unused on purpose, and the number of combinations explodes
     _, usable = source.names_at(statement)
     usable = usable | comprehension_targets(statement.node).keys()
     edits_of_file = [edit for edit in fixed if edit.path == source.path]
-    text = apply(source.data, edits_of_file, 0, len(source.data))
+    text = text_after_edits(source.data, edits_of_file, 0, len(source.data))
     atoms: dict[str, Atom] = {}
     with np.errstate(all="ignore"):
         for choices in (
-            _replacements(_templates(text, source.name), unread, usable),
-            _of_other_rows(_row_templates(text, source.name), statement.reads & usable),
+            _renamings_to_unread(_templates(text, source.name), unread, usable),
+            _renamings_of_other_rows(_row_templates(text, source.name), statement.reads & usable),
         ):
             evaluated_count = 0
             for template, replacements in choices:
                 evaluated_count += len(replacements)
-                if evaluated_count > _MOST_EVALUATED:
+                if evaluated_count > _MOST_EVALUATIONS:
                     break
-                for written, values in _of_replacements(template, replacements, shift):
+                for written, values in _values_of_renamings(template, replacements, shift):
                     atoms.setdefault(written, Atom(written, values))
     return list(atoms.values())
 
 
-def _of_other_rows(templates: Sequence[_Template], row_names: Set[str]) -> Iterator[_Choices]:
+def _renamings_of_other_rows(templates: Sequence[_Template], row_names: Set[str]) -> Iterator[_Renamings]:
     """Yield expressions of other rows and choices of names {old: new} to write in them.
 
     Names that only the other row has are replaced by names that only this row has: by `row_names`, those of this row.
@@ -182,7 +182,7 @@ def _of_other_rows(templates: Sequence[_Template], row_names: Set[str]) -> Itera
         foreign = [name for name in template.names if name not in row_names]
         instead = sorted(row_names - template.row)
         # The number of permutations below grows with the factorial of this length.
-        if not 0 < len(foreign) <= min(len(instead), _MOST_FOREIGN):
+        if not 0 < len(foreign) <= min(len(instead), _MOST_FOREIGN_NAMES):
             continue
         choices: list[dict[str, str]] = []
         for names in permutations(instead, len(foreign)):
@@ -190,7 +190,9 @@ def _of_other_rows(templates: Sequence[_Template], row_names: Set[str]) -> Itera
         yield template, choices
 
 
-def _replacements(templates: Sequence[_Template], unread: Sequence[str], usable: set[str]) -> Iterator[_Choices]:
+def _renamings_to_unread(
+    templates: Sequence[_Template], unread: Sequence[str], usable: set[str]
+) -> Iterator[_Renamings]:
     """Yield expressions and choices of names {old: new} to write in them; as many unread names as possible first."""
     for size in range(len(unread), 0, -1):
         for inserted_names in combinations(unread, size):
@@ -206,7 +208,7 @@ def _replacements(templates: Sequence[_Template], unread: Sequence[str], usable:
                     yield template, choices
 
 
-def _written(template: _Template, replaced: Mapping[str, str]) -> str:
+def _renamed_text(template: _Template, replaced: Mapping[str, str]) -> str:
     return re.sub(r"[A-Za-z_]\w*", lambda match: replaced.get(match[0], match[0]), template.text)
 
 
@@ -241,8 +243,8 @@ def _templates(text: str, function_name: str) -> tuple[_Template, ...]:
 
 def _template(written: str, node: ast.expr, row: frozenset[str] = frozenset()) -> _Template | None:
     """Return the template of an expression; None if it has no names, too many of them, or is too long."""
-    names = _own_names(node)
-    if not names or len(names) > _MOST_NAMES or len(written) > _LONGEST_EXPRESSION:
+    names = _value_names(node)
+    if not names or len(names) > _MOST_NAMES or len(written) > _LONGEST_EXPRESSION_TEXT:
         return None
     return _Template(written, compile(written, "<explain>", "eval"), names, row)
 
@@ -297,7 +299,7 @@ def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
     return values
 
 
-def _own_names(node: ast.expr) -> tuple[str, ...]:
+def _value_names(node: ast.expr) -> tuple[str, ...]:
     """Return the names of an expression that may stand for values, in the order of the text; () if it is no formula."""
     called: set[str] = set()
     for part in ast.walk(node):

@@ -23,15 +23,15 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
 from twin.validation.explain.expression_shifts import (
-    CONVERGED,
-    DIFFERENCE,
+    CONVERGED_RESIDUAL,
+    DERIVATIVE_STEP,
     FEWEST_POSES,
-    SINGULAR,
+    MOST_NEWTON_STEPS,
+    SMALLEST_SINGULAR_RATIO,
     START_FACTORS,
-    STEPS,
     Shift,
-    cost,
     shifted,
+    sums_of_squares,
 )
 from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.rebuilt_functions import unguarded
@@ -40,10 +40,10 @@ from twin.validation.explain.row_deviations import Judge, by_row
 _BATCH_SIZES = (1, 4, 16, 64)
 """Numbers of choices that one evaluation may have."""
 
-_HALVINGS = 4
+_MOST_HALVINGS = 4
 """Maximum number of times that a step is halved."""
 
-_LEAST_PROGRESS = 0.9
+_LARGEST_REMAINING_PART = 0.9
 """Part of the mean residual that may be left after a step; with more, the expressions cannot make the rows agree."""
 
 
@@ -118,12 +118,12 @@ class Batch:
         functions: list[tuple[Path, str]] = []
         for choice in choices:
             functions.append(choice.scalars[0].function)
-        for part in _parts(functions):
+        for part in _evaluation_parts(functions):
             if deadline.passed:
                 break
             choices_of_part = [choices[i] for i in part]
             with unguarded():
-                newton = _Newton(self, equation, fixed, choices_of_part)
+                newton = _BatchedGaussNewton(self, equation, fixed, choices_of_part)
                 solutions_of_part = newton.run(deadline)
             for n, values in solutions_of_part:
                 solutions.append((part[n], values))
@@ -134,12 +134,12 @@ class Batch:
         rows = tuple(self.residuals)
         slopes_of_scalar: dict[int, dict[RowKey, Array]] = {}
         functions = [scalar.function for scalar in scalars]
-        for part in _parts(functions):
+        for part in _evaluation_parts(functions):
             choices: list[Choice] = []
             for i in part:
                 choices.append(Choice((scalars[i],), rows))
             with unguarded():
-                newton = _Newton(self, equation, (), choices)
+                newton = _BatchedGaussNewton(self, equation, (), choices)
                 slopes_of_part = newton.slopes()
             for i, slopes in zip(part, slopes_of_part, strict=True):
                 slopes_of_scalar[i] = slopes
@@ -164,7 +164,7 @@ class Batch:
         return self._copies[size]
 
 
-def _parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
+def _evaluation_parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
     """Return the indices of choices in parts that one evaluation can have: of one function, and not too many."""
     parts_of_choices: list[list[int]] = []
     latest: dict[tuple[Path, str], list[int]] = {}
@@ -178,7 +178,7 @@ def _parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
     return parts_of_choices
 
 
-class _Newton:
+class _BatchedGaussNewton:
     """Gauss-Newton for several choices of expressions; values and residuals are (choices, poses, ...)."""
 
     def __init__(self, batch: Batch, equation: str, fixed: Sequence[Edit], choices: Sequence[Choice]) -> None:
@@ -216,7 +216,7 @@ class _Newton:
         base = self._residuals(values)
         if base is not None:  # without a value, it would seem that an expression moves nothing
             values, base = self._with_values(values, base)
-        values[:, :, 0] += DIFFERENCE
+        values[:, :, 0] += DERIVATIVE_STEP
         residuals_ahead = self._residuals(values)
         slopes: list[dict[RowKey, Array]] = []
         for n in range(len(self.choices)):
@@ -229,7 +229,7 @@ class _Newton:
                     after = residuals_ahead[n, :, first:last]
                     first = last
                     if not np.array_equal(before, after, equal_nan=True):
-                        slopes_of_rows[row] = (after - before) / DIFFERENCE
+                        slopes_of_rows[row] = (after - before) / DERIVATIVE_STEP
             slopes.append(slopes_of_rows)
         return slopes
 
@@ -244,11 +244,11 @@ class _Newton:
         enough = has_value.sum(axis=1) >= self.batch.fewest
         values, residuals, has_value = self._only(enough, values, residuals, has_value)
         solutions: list[tuple[int, Array]] = []
-        for _ in range(STEPS + 1):
+        for _ in range(MOST_NEWTON_STEPS + 1):
             if not self.undecided:
                 break
-            size = _largest(residuals, has_value)
-            converged = size <= CONVERGED
+            size = _largest_residuals(residuals, has_value)
+            converged = size <= CONVERGED_RESIDUAL
             for n in np.flatnonzero(converged).tolist():
                 solutions.append(self._solution(n, values))
             values, residuals, has_value = self._only(~converged, values, residuals, has_value)
@@ -257,7 +257,7 @@ class _Newton:
             values, residuals, has_value, has_step = self._ahead(values, residuals, has_value)
             if not has_step:
                 break
-        size = _largest(residuals, has_value)
+        size = _largest_residuals(residuals, has_value)
         for n in range(len(self.undecided)):
             if size[n] <= 1:
                 solutions.append(self._solution(n, values))
@@ -293,7 +293,7 @@ class _Newton:
             trial_residuals = self._residuals(trial_values)
             if trial_residuals is None:
                 break
-            lower = _costs(trial_residuals) < _costs(r)
+            lower = _sums_of_squares(trial_residuals) < _sums_of_squares(r)
             better = (lacks_value[:, None] & lower)[:, :, None]
             values = np.where(better, trial_values, values)
             r = np.where(better, trial_residuals, r)
@@ -316,12 +316,14 @@ class _Newton:
         slopes: list[Array] = []
         for u in range(values.shape[2]):
             values_ahead = values.copy()
-            values_ahead[:, :, u] += DIFFERENCE
+            values_ahead[:, :, u] += DERIVATIVE_STEP
             residuals_ahead = self._residuals(values_ahead)
             if residuals_ahead is None:
                 return values, residuals, has_value, False
-            slopes.append((residuals_ahead - residuals) / DIFFERENCE)
-        step, unique = _steps(np.stack(slopes, axis=3), residuals, self._counts(), has_value, self.has_swivel)
+            slopes.append((residuals_ahead - residuals) / DERIVATIVE_STEP)
+        step, unique = _gauss_newton_steps(
+            np.stack(slopes, axis=3), residuals, self._counts(), has_value, self.has_swivel
+        )
         step[~has_value] = 0.0
         values, residuals, has_value = self._only(unique, values, residuals, has_value)
         step = step[unique]
@@ -330,8 +332,8 @@ class _Newton:
         new_residuals = self._residuals(values + step)
         if new_residuals is None:
             return values, residuals, has_value, False
-        for _ in range(_HALVINGS):  # half the step where the residual grows
-            worse = has_value & ~(_costs(new_residuals) <= _costs(residuals))
+        for _ in range(_MOST_HALVINGS):  # half the step where the residual grows
+            worse = has_value & ~(_sums_of_squares(new_residuals) <= _sums_of_squares(residuals))
             if not worse.any():
                 break
             step = np.where(worse[:, :, None], step / 2, step)
@@ -339,8 +341,10 @@ class _Newton:
             if new_residuals is None:
                 return values, residuals, has_value, False
         # Poses converge after different numbers of steps, so that the mean decides, not the largest residual.
-        is_nearer = _mean(new_residuals, has_value) <= _LEAST_PROGRESS * _mean(residuals, has_value)
-        agrees = _largest(new_residuals, has_value) <= 1.0
+        is_nearer = _mean_residuals(new_residuals, has_value) <= _LARGEST_REMAINING_PART * _mean_residuals(
+            residuals, has_value
+        )
+        agrees = _largest_residuals(new_residuals, has_value) <= 1.0
         return *self._only(is_nearer | agrees, values + step, new_residuals, has_value), True
 
     def _counts(self) -> NDArray[np.bool_]:
@@ -404,27 +408,27 @@ class _Newton:
         return residuals
 
 
-def _largest(r: Array, has_value: NDArray[np.bool_]) -> Array:
+def _largest_residuals(r: Array, has_value: NDArray[np.bool_]) -> Array:
     """Return the largest residual of each choice at its poses with residuals; infinite without a value."""
     size = np.abs(r).max(axis=2, initial=0.0)
     known_size = np.where(has_value, size, 0.0)
     return np.nan_to_num(known_size.max(axis=1, initial=0.0), nan=np.inf)
 
 
-def _mean(r: Array, has_value: NDArray[np.bool_]) -> Array:
+def _mean_residuals(r: Array, has_value: NDArray[np.bool_]) -> Array:
     """Return the mean residual of each choice at its poses with residuals; infinite without a value."""
     squares = np.where(has_value, np.sum(r**2, axis=2), 0.0)
     size = np.sqrt(squares)
     return np.nan_to_num(size.mean(axis=1), nan=np.inf)
 
 
-def _costs(r: Array) -> Array:
+def _sums_of_squares(r: Array) -> Array:
     """Return the sum of squares of residuals (choices, poses, entries) at each pose; infinite without a value."""
     choices, poses, entries = r.shape
-    return cost(r.reshape(-1, entries)).reshape(choices, poses)
+    return sums_of_squares(r.reshape(-1, entries)).reshape(choices, poses)
 
 
-def _steps(
+def _gauss_newton_steps(
     J: Array, r: Array, counts: NDArray[np.bool_], has_value: NDArray[np.bool_], swivel: bool = False
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return (steps (choices, poses, unknowns) of Gauss-Newton, which choices have a unique finite one).
@@ -435,7 +439,7 @@ def _steps(
     """
     unknowns = J.shape[3]
     alone = counts.sum(axis=1) == 1
-    agrees = np.abs(r).max(axis=2, initial=0.0) <= CONVERGED
+    agrees = np.abs(r).max(axis=2, initial=0.0) <= CONVERGED_RESIDUAL
     columns: list[Array] = []  # orthonormal, one for each unknown so far
     triangle = np.zeros((*J.shape[:2], unknowns, unknowns))
     right = np.zeros((*J.shape[:2], unknowns))
@@ -451,7 +455,7 @@ def _steps(
             column = column - part[..., None] * earlier_column
         length = np.sqrt(np.sum(column**2, axis=2))
         triangle[..., unknown, unknown] = length
-        singular = ~(length > SINGULAR * size) & has_value  # also if a derivative has no value
+        singular = ~(length > SMALLEST_SINGULAR_RATIO * size) & has_value  # also if a derivative has no value
         needed = ~(alone[:, None] & agrees)
         if swivel and unknown == unknowns - 1:
             needed = np.zeros_like(needed)

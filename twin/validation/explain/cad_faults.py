@@ -23,24 +23,24 @@ from twin.reference import ReferenceModel
 from twin.validation.explain.explanation_data import FaultyPart
 from twin.validation.explain.row_deviations import Judge
 
-CODES = ("cad.noise", "cad.meeting", "cad.tilt")
+MISMATCH_CODES = ("cad.noise", "cad.meeting", "cad.tilt")
 """Codes of findings about joints whose parts do not meet."""
 
 _MOST_COMBINATIONS = 12
 """Maximum number of combinations of parts that are tried."""
 
-_MOST_SORTED = 200
+_MOST_RANKED_COMBINATIONS = 200
 """Maximum number of combinations of which those with the most evidence are tried first."""
 
-_MORE_THAN_ALL = 10**6
+_WRONG_ROWS_WITHOUT_MECHANISM = 10**6
 """Number of wrong rows without a mechanism: more than any formula has."""
 
-_OPEN_GAPS = (1e-8, 1e-7)
+_LARGEST_CLOSED_GAPS = (1e-8, 1e-7)
 """Gaps in m and rad above which a loop is open."""
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedCad:
     """The CAD with its faulty parts corrected.
 
     Attributes:
@@ -74,7 +74,7 @@ class _Correction:
         gaps = self.judge.reference.run.gaps
         if not gaps.size:  # there are no loops
             return True
-        return bool((gaps.max(axis=(0, 1)) < _OPEN_GAPS).all())
+        return bool((gaps.max(axis=(0, 1)) < _LARGEST_CLOSED_GAPS).all())
 
     @property
     def agrees(self) -> bool:
@@ -84,10 +84,10 @@ class _Correction:
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
         """Sort key; the best combination has the largest key. Evidence in the CAD comes before agreement of rows."""
-        wrong = _MORE_THAN_ALL
+        wrong = _WRONG_ROWS_WITHOUT_MECHANISM
         if self.judge is not None:
             wrong = len(self.judge.failing())
-        return _score(self.suspects), self.closes, self.agrees, -wrong
+        return _evidence_score(self.suspects), self.closes, self.agrees, -wrong
 
 
 def correct(
@@ -95,7 +95,7 @@ def correct(
     cad: CadModel,
     judge_of: Callable[[ReferenceModel], Judge],
     progress: StepProgress = silent_step,
-) -> Corrected | None:
+) -> CorrectedCad | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
     Lengths declared in the description are evidence. `judge_of` returns the judge of the rows for a mechanism.
@@ -111,16 +111,16 @@ def correct(
     corrections: list[_Correction] = []
     if located:
         corrections = _corrections(cad, located, judge_of, progress)
-    best = _best(corrections)
+    best = _best_correction(corrections)
     chosen: dict[tuple[str, ...], Suspect] = {}
     for fault, suspect in zip(located, best.suspects, strict=False):
         chosen[fault.joints] = suspect
     parts: list[FaultyPart] = []
     for fault in all_faults:
-        parts.append(_part(fault, findings, chosen.get(fault.joints), best, corrections))
+        parts.append(_faulty_part(fault, findings, chosen.get(fault.joints), best, corrections))
     # A fault without a suspect stays in the corrected CAD, so that agreement with it proves nothing.
     agrees = best.agrees and len(located) == len(all_faults)
-    return Corrected(findings, tuple(parts), best.model, best.judge, agrees)
+    return CorrectedCad(findings, tuple(parts), best.model, best.judge, agrees)
 
 
 def _corrections(
@@ -132,13 +132,13 @@ def _corrections(
     """Correct combinations of parts, one suspect for each fault, those with the most evidence in the CAD first."""
     suspects_of_faults = [fault.suspects for fault in located]
     combinations = product(*suspects_of_faults)
-    choices = sorted(islice(combinations, _MOST_SORTED), key=_score, reverse=True)
-    best_score = _score(choices[0])
+    choices = sorted(islice(combinations, _MOST_RANKED_COMBINATIONS), key=_evidence_score, reverse=True)
+    best_score = _evidence_score(choices[0])
     corrections: list[_Correction] = []
     some_agrees = False
     for i, suspects in enumerate(choices[:_MOST_COMBINATIONS]):
         # Less evidence is enough only as long as no combination makes every row agree.
-        if _score(suspects) < best_score and some_agrees:
+        if _evidence_score(suspects) < best_score and some_agrees:
             break
         progress(i / min(_MOST_COMBINATIONS, len(choices)))
         correction = _corrected(cad, suspects, judge_of)
@@ -147,18 +147,18 @@ def _corrections(
     return corrections
 
 
-def _best(corrections: Sequence[_Correction]) -> _Correction:
+def _best_correction(corrections: Sequence[_Correction]) -> _Correction:
     """Return the best combination: of those with which every row agrees, if there are any, otherwise of all."""
-    agreeing = _agreeing(corrections)
+    agreeing = _agreeing_corrections(corrections)
     return max(agreeing or corrections, default=_Correction(()), key=lambda correction: correction.rank)
 
 
-def _agreeing(corrections: Sequence[_Correction]) -> list[_Correction]:
+def _agreeing_corrections(corrections: Sequence[_Correction]) -> list[_Correction]:
     """Return the combinations with which every compared row agrees."""
     return [correction for correction in corrections if correction.agrees]
 
 
-def _score(suspects: Sequence[Suspect]) -> int:
+def _evidence_score(suspects: Sequence[Suspect]) -> int:
     """Return how much evidence in the CAD there is against suspected parts together."""
     score = 0
     for suspect in suspects:
@@ -168,7 +168,7 @@ def _score(suspects: Sequence[Suspect]) -> int:
 
 def findings_on_joints(cad: CadModel) -> tuple[Finding, ...]:
     """Return the findings on joints whose parts do not meet in the CAD."""
-    findings = [finding for finding in cad.findings if finding.code in CODES]
+    findings = [finding for finding in cad.findings if finding.code in MISMATCH_CODES]
     return tuple(findings)
 
 
@@ -192,7 +192,7 @@ def _corrected(cad: CadModel, suspects: Sequence[Suspect], judge_of: Callable[[R
         return _Correction(tuple(suspects))
 
 
-def _part(
+def _faulty_part(
     fault: FrameMismatch,
     findings: Sequence[Finding],
     chosen: Suspect | None,
@@ -213,11 +213,11 @@ def _part(
         text = f"{head}: no single faulty part explains these gaps"
         return FaultyPart(fault.joints, "", (), "", (), (), text)
     others = [suspect for suspect in fault.suspects if suspect is not chosen]
-    told_by, why, undecided = _decide(chosen, others, best, corrections)
+    told_by, why, undecided = _evidence_between_suspects(chosen, others, best, corrections)
     alternatives: list[str] = []
     for suspect in undecided:
-        alternatives.append(_name(suspect))
-    text = f"{head}: {_name(chosen)} is wrong"
+        alternatives.append(_suspect_text(suspect))
+    text = f"{head}: {_suspect_text(chosen)} is wrong"
     if alternatives:
         text += f", or {', or '.join(alternatives)}; CAD and rows do not determine which"
     elif why:
@@ -225,7 +225,7 @@ def _part(
     return FaultyPart(fault.joints, chosen.body, chosen.features, told_by, tuple(why), tuple(alternatives), text)
 
 
-def _decide(
+def _evidence_between_suspects(
     chosen: Suspect, others: list[Suspect], best: _Correction, corrections: Sequence[_Correction]
 ) -> tuple[str, list[str], list[Suspect]]:
     """Return (kind of evidence as in `FaultyPart.told_by`, evidence as text, alternative parts)."""
@@ -243,13 +243,13 @@ def _decide(
         with_suspect = [correction for correction in corrections if suspect in correction.suspects]
         if with_suspect:
             may_close = any(correction.closes for correction in with_suspect)
-            may_agree = bool(_agreeing(with_suspect))
+            may_agree = bool(_agreeing_corrections(with_suspect))
         other_may_close |= may_close
         if may_agree:
             undecided.append(suspect)
     scores_of_others = [suspect.score for suspect in others]
     has_most_evidence = max(scores_of_others) < chosen.score
-    if has_most_evidence and (best.agrees or not _agreeing(corrections)):
+    if has_most_evidence and (best.agrees or not _agreeing_corrections(corrections)):
         return "drawing", why, []
     if best.closes and not other_may_close:
         return "loops", [*why, "the loops close at every pose only if this part is corrected"], []
@@ -260,7 +260,7 @@ def _decide(
     return "", why, undecided
 
 
-def _name(suspect: Suspect) -> str:
+def _suspect_text(suspect: Suspect) -> str:
     """Return the suspected part as text: numbers of the description, a placement, or features of a body."""
     if suspect.given:
         joints = [joint for joint, _ in suspect.given]

@@ -16,18 +16,18 @@ from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.row_deviations import Judge, by_row, trial_residuals
 
-TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
+TOKEN_KINDS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
 
-MULTI_TOKEN = ("transpose", "order", "parenthesis", "surplus", "missing")
+MULTI_TOKEN_KINDS = ("transpose", "order", "parenthesis", "surplus", "missing")
 """Kinds of edits that change more than one token."""
 
-CALLS = ("trig", "function", "order", "transpose")
-OPERATORS = ("sign", "operator", "exponent")
-FORMS = (*CALLS, *OPERATORS)
+CALL_KINDS = ("trig", "function", "order", "transpose")
+OPERATOR_KINDS = ("sign", "operator", "exponent")
+FORM_KINDS = (*CALL_KINDS, *OPERATOR_KINDS)
 """Kinds of edits with few replacements at each position of the text, unlike names and numbers."""
 
-_KINDS_BY_RANK = (*TOKENS, *MULTI_TOKEN)
+_KINDS_BY_RANK = (*TOKEN_KINDS, *MULTI_TOKEN_KINDS)
 
 
 @dataclass
@@ -124,7 +124,7 @@ class GroupResult:
     seconds: float = 0.0
 
 
-def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Value] | None:
+def alias_values(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Value] | None:
     """Return {name: value} of the new names that the edits define; None if a value cannot be computed."""
     values: dict[str, Value] = {}
     for edit in change:
@@ -153,7 +153,7 @@ def edited_residuals(
     try:
         step = judge.step(equation)
         if extra is None:
-            extra = aliases(judge, step, change)
+            extra = alias_values(judge, step, change)
         if extra is None:
             return None
         deviations = trial_residuals(judge, step, list(change), extra)

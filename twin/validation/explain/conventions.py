@@ -22,19 +22,19 @@ from twin.validation.explain.equation_steps import Helper, RowKey, Step
 from twin.validation.explain.explanation_data import Convention
 from twin.validation.explain.invariants import formula_pose, formula_values
 from twin.validation.explain.joint_offsets import axes_text, offsets
-from twin.validation.explain.plain_values import enter, leave
-from twin.validation.explain.rebuilt_functions import Matrix, to_array, turn
+from twin.validation.explain.plain_values import as_arrays, as_objects
+from twin.validation.explain.rebuilt_functions import Matrix, rotations_about, to_array
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, worst
 from twin.validation.explain.suspect_statements import suspects
 
-_ROUNDING = 1e-9
+_VALUE_ROUNDING = 1e-9
 """Differences, in m or rad, that are rounding."""
 
-_INVERTIBLE = 1e12
+_LARGEST_CONDITION_NUMBER = 1e12
 """Condition number of a matrix above which its inverse is mostly rounding."""
 
-_EXACT_ROW = 1e-12
+_MATRIX_ROUNDING = 1e-12
 """Largest difference of two matrices of the same row of a Denavit-Hartenberg table."""
 
 _DH_PROBE = (0.3, 0.7, 1.1, 0.45)
@@ -55,12 +55,12 @@ _NAMED_RATIOS = (
 def conventions(judge: Judge, general_conventions: Sequence[Convention] | None = None) -> list[Convention]:
     """Return the conventions that fix rows, sorted by the number of fixed rows, largest first.
 
-    `general_conventions` is the result of `general`; None: it is computed.
+    `general_conventions` is the result of `conventions_of_all_rows`; None: it is computed.
     """
     if not judge.failing():
         return []
     if general_conventions is None:
-        general_conventions = general(judge)
+        general_conventions = conventions_of_all_rows(judge)
     found = [*general_conventions, *_scalar_outputs(judge)]
     if not found:  # a slow search, so only where nothing simpler was found
         found = list(offsets(judge))
@@ -68,7 +68,7 @@ def conventions(judge: Judge, general_conventions: Sequence[Convention] | None =
 
 
 @np.errstate(all="ignore")  # as in `conventions`
-def general(judge: Judge) -> list[Convention]:
+def conventions_of_all_rows(judge: Judge) -> list[Convention]:
     """Return the conventions that are not of single rows: angles, units, axes, frames, Denavit-Hartenberg form."""
     return [
         *_denavit_hartenberg(judge),
@@ -93,7 +93,7 @@ class _FixedRows:
 
     def convention(self, kind: str, message: str) -> Convention:
         """Return the convention as a result."""
-        return Convention(kind, message, _names(self.places), self.residual)
+        return Convention(kind, message, _row_names(self.places), self.residual)
 
 
 def _fixed_rows(judge: Judge, other_judge: Judge) -> _FixedRows | None:
@@ -132,7 +132,7 @@ def _axis_sequences() -> tuple[str, ...]:
     return tuple(sequences)
 
 
-ORDERS = _axis_sequences()
+AXIS_SEQUENCES = _axis_sequences()
 """The twelve axis sequences of Euler angles."""
 
 
@@ -165,7 +165,7 @@ class _EulerConvention:
 
 def _euler_conventions(R: Array) -> Iterator[tuple[_EulerConvention, Array]]:
     """Yield (convention, its angles (k, 3) in rad of the rotations R (k, 3, 3))."""
-    for order in ORDERS:
+    for order in AXIS_SEQUENCES:
         for transposed in (False, True):
             assignments: Iterable[tuple[int, ...]]
             if transposed:
@@ -185,7 +185,7 @@ def _euler_angles(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     reference = judge.reference
     names = [name for name, unit in reference.coordinates if unit == "rad"]
-    if len(names) != 3 or not _are_inputs(judge, names):
+    if len(names) != 3 or not _is_any_input(judge, names):
         return
     wrong: list[RowPlace] = []
     suspected_equations: set[str] = set()
@@ -198,12 +198,12 @@ def _euler_angles(judge: Judge) -> Iterator[Convention]:
     own_angles = np.column_stack([reference.symbols[name] for name in names])
     for convention, angles in _euler_conventions(reference.Ts[:, :3, :3]):
         # The sine is also zero for angles that differ by full or half turns: those are the formula's own convention.
-        if np.abs(np.sin(angles - own_angles)).max() < _ROUNDING:
+        if np.abs(np.sin(angles - own_angles)).max() < _VALUE_ROUNDING:
             continue
         angles_by_name = dict(zip(names, angles.T, strict=True))
         other_reference = reference.with_values(angles_by_name)
         # Few equations first: nearly all of the conventions fail there.
-        if not _one_agrees(judge.on(other_reference, suspected_equations), wrong):
+        if not _any_row_agrees(judge.on(other_reference, suspected_equations), wrong):
             continue
         fixed_rows = _fixed_rows(judge, judge.on(other_reference))
         if fixed_rows is None:
@@ -216,7 +216,7 @@ def _euler_angles(judge: Judge) -> Iterator[Convention]:
         return
 
 
-def _are_inputs(judge: Judge, symbols: Sequence[str]) -> bool:
+def _is_any_input(judge: Judge, symbols: Sequence[str]) -> bool:
     """Return whether an equation has one of the symbols as an input."""
     inputs: set[str] = set()
     for step in judge.steps:
@@ -224,7 +224,7 @@ def _are_inputs(judge: Judge, symbols: Sequence[str]) -> bool:
     return not inputs.isdisjoint(symbols)
 
 
-def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
+def _any_row_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
     """Return whether at least one of some rows agrees in a judge."""
     rows = {place.key for place in places}
     for place, residual in judge.residuals.items():
@@ -235,7 +235,7 @@ def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
     return False
 
 
-def _names(places: Iterable[RowPlace]) -> tuple[str, ...]:
+def _row_names(places: Iterable[RowPlace]) -> tuple[str, ...]:
     """Return the names of rows, equation and symbol."""
     return tuple(place.name for place in places)
 
@@ -249,13 +249,13 @@ def _input_units(judge: Judge) -> Iterator[Convention]:
         ("angle", ("deg",), 180 / np.pi, in_degrees),
         ("length", ("mm", "m"), 1e3, in_mm),
     ):
-        other_judge = judge.on(_scaled(judge, kind, units, factor))
+        other_judge = judge.on(_with_scaled_values(judge, kind, units, factor))
         residuals = _residuals_in_unit(judge, other_judge, kind, factor)
         if residuals and len(residuals) == len(failing_names):
-            yield Convention("unit", message, _names(residuals), max(residuals.values()))
+            yield Convention("unit", message, _row_names(residuals), max(residuals.values()))
 
 
-def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
+def _with_scaled_values(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
     """Return the mechanism's values with all angles or all lengths multiplied by a factor."""
     reference = judge.reference
     scaled_parameters: set[str] = set()
@@ -299,14 +299,14 @@ def _scalar_outputs(judge: Judge) -> Iterator[Convention]:
     fixed_rows: dict[tuple[str, str], _FixedRows] = {}  # by kind and text of the convention
     for place in judge.failing():
         true_value = to_array(reference.symbols[place.symbol], reference.k)
-        is_constant = np.ptp(true_value) < _ROUNDING  # any value is then a constant value with an offset
+        is_constant = np.ptp(true_value) < _VALUE_ROUNDING  # any value is then a constant value with an offset
         if place.symbol not in values or true_value.shape[1] != 1 or is_constant:
             continue
         is_angle = reference.kinds[place.symbol] == "angle"
         tolerance = judge.tolerance.angle if is_angle else judge.tolerance.length
         value = np.asarray(values[place.symbol], float)
         for ratio, kind, ratio_text in _NAMED_RATIOS:
-            offset, residual = _offset(value, true_value[:, 0], ratio, is_angle, tolerance)
+            offset, residual = _offset_and_residual(value, true_value[:, 0], ratio, is_angle, tolerance)
             if not residual <= 1:  # also for NaN
                 continue
             parts: list[str] = []
@@ -334,7 +334,9 @@ def _offset_text(offset: float, ratio: float, is_angle: bool) -> str:
     return f"its zero position differs by {size} from the zero position in the mechanism"
 
 
-def _offset(value: Array, true_value: Array, ratio: float, is_angle: bool, tolerance: float) -> tuple[float, float]:
+def _offset_and_residual(
+    value: Array, true_value: Array, ratio: float, is_angle: bool, tolerance: float
+) -> tuple[float, float]:
     """Return (offset, residual) of values (k,) that should be `ratio` * `true_value` + offset.
 
     The offset is in m or rad, also if the formula has another unit; the residual is the largest deviation in units of
@@ -420,7 +422,7 @@ def _point_axes(judge: Judge) -> Iterator[Convention]:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
             message = f"points {', '.join(names)} use other axes{handedness}: {axes_text(permutation)}{unit_text}"
-            yield Convention(kind, message, _names(places), residual)
+            yield Convention(kind, message, _row_names(places), residual)
             return
 
 
@@ -442,17 +444,17 @@ def _pose_frames(judge: Judge) -> Iterator[Convention]:
         T = formula_pose(judge, place)
         if not np.isfinite(T).all():
             continue
-        change = _other_frames(judge, judge.reference.symbols[place.symbol].a, T)
+        change = _agreeing_frames(judge, judge.reference.symbols[place.symbol].a, T)
         if change is not None:
             text, residual = change
             message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
             yield Convention("axes", message, (place.name,), residual)
 
 
-def _other_frames(judge: Judge, true_T: Array, T: Array) -> tuple[str, float] | None:
+def _agreeing_frames(judge: Judge, true_T: Array, T: Array) -> tuple[str, float] | None:
     """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
     inverse = T
-    if np.linalg.cond(T).max() < _INVERTIBLE:
+    if np.linalg.cond(T).max() < _LARGEST_CONDITION_NUMBER:
         inverse = np.linalg.inv(T)
     true_p = true_T[:, :3, 3]
     true_R = true_T[:, :3, :3]
@@ -552,7 +554,7 @@ def _swapped(function: Callable[..., Value], rotates_first: bool, *values: Value
         TypeError: the function returns no poses (4, 4).
     """
     value = function(*values)
-    pose = leave(value)
+    pose = as_arrays(value)
     if not isinstance(pose, Matrix) or pose.shape != (4, 4):
         raise TypeError("no pose")
     T = pose.a.copy()
@@ -562,7 +564,7 @@ def _swapped(function: Callable[..., Value], rotates_first: bool, *values: Value
     T[:, :3, 3] = (R @ T[:, :3, 3:])[..., 0]
     if isinstance(value, Matrix):
         return Matrix(T)
-    return enter(Matrix(T))
+    return as_objects(Matrix(T))
 
 
 def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
@@ -574,14 +576,14 @@ def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
     for i in order:
         columns.append(np.atleast_1d(np.asarray(values[i], float)))
     alpha, a, theta, d = np.broadcast_arrays(*columns)
-    about_x = _screw(turn(0)(alpha).a, 0, a)
-    about_z = _screw(turn(2)(theta).a, 2, d)
+    about_x = _screw_motions(rotations_about(0)(alpha).a, 0, a)
+    about_z = _screw_motions(rotations_about(2)(theta).a, 2, d)
     if form == "modified":
         return Matrix(about_x @ about_z)
     return Matrix(about_z @ about_x)
 
 
-def _screw(R: Array, axis: int, distance: Array) -> Array:
+def _screw_motions(R: Array, axis: int, distance: Array) -> Array:
     """Return the poses (k, 4, 4) of rotations R (k, 3, 3) with translations (k,) along an axis."""
     T = np.tile(np.eye(4), (len(R), 1, 1))
     T[:, :3, :3] = R
@@ -605,6 +607,6 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
     for form in ("modified", "standard"):
         for order in permutations(range(4)):
             row = _dh_row(form, order, *_DH_PROBE)
-            if np.abs(row.a - T.a).max() < _EXACT_ROW:
+            if np.abs(row.a - T.a).max() < _MATRIX_ROUNDING:
                 return form, order
     return None

@@ -22,7 +22,7 @@ from twin.reference.margin_zeros import Boundary, Judged
 from twin.validation.explain.equation_steps import Step
 from twin.validation.explain.judged_states import compiled_kinematics
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.suspect_statements import passed
+from twin.validation.explain.suspect_statements import indirectly_judged
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
     # a row with several uses counts only if each of them was judged
     judged_margins -= unjudged_margins.keys()
     judged_directly = compared | judged_margins
-    judged = judged_directly | passed(judge, judged_directly)
+    judged = judged_directly | indirectly_judged(judge, judged_directly)
     steps = {step.equation.name: step for step in judge.steps}
     rows = 0
     texts: list[str] = []
@@ -59,12 +59,12 @@ def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
             row = (equation.name, symbol)
             if row in judged:
                 continue
-            reason = _reason(unjudged_margins.get(row), steps.get(equation.name))
+            reason = _reason_unjudged(unjudged_margins.get(row), steps.get(equation.name))
             texts.append(f"{equation.name}.{symbol}: {reason}")
     return Coverage(rows, tuple(texts))
 
 
-def _reason(margin: Judged | None, step: Step | None) -> str:
+def _reason_unjudged(margin: Judged | None, step: Step | None) -> str:
     """Return why a row was not judged, from the result of its margin and the step of its equation."""
     if margin is not None:
         return f"{margin.name}: {margin.why}"
@@ -94,7 +94,7 @@ def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, flo
     return boundary.judge()
 
 
-def unvalued(judge: Judge) -> list[Finding]:
+def findings_on_unvalued_symbols(judge: Judge) -> list[Finding]:
     """Return a finding for every symbol without a value.
 
     The missing symbol may be a parameter that no equation uses, under another name. Each unused parameter is therefore
@@ -123,7 +123,7 @@ def unvalued(judge: Judge) -> list[Finding]:
 def _suggestion(judge: Judge, name: str, equations: list[str], unused: Sequence[Parameter]) -> str:
     """Return what to do about a symbol without a value: the unused parameter that was meant, if the rows tell it."""
     for parameter in unused:
-        if _agree_with(judge, name, parameter.name, equations):
+        if _rows_agree_with(judge, name, parameter.name, equations):
             return (
                 f"replace {name} by {parameter.name} = {parameter.shown:g} {parameter.unit}: then every row of "
                 f"{', '.join(equations)} that uses {parameter.name} agrees"
@@ -134,7 +134,7 @@ def _suggestion(judge: Judge, name: str, equations: list[str], unused: Sequence[
     return f"give {name} a value among the parameters"
 
 
-def _agree_with(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
+def _rows_agree_with(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
     """Return whether the rows of the equations agree if a symbol has the value of a parameter."""
     symbols = judge.reference.symbols
     values: dict[str, Value] = {}

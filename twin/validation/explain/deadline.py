@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-_PATIENCE = 3.0
+_ELAPSED_PER_PROCESSOR_SECOND = 3.0
 """Elapsed time is limited to this multiple of the processor time, on a machine that is busy with other work."""
 
 
@@ -18,12 +18,12 @@ class Deadline:
     def __init__(self, seconds: float = float("inf")) -> None:
         """Start the time; `seconds`: limit in s, infinite by default."""
         self._until = time.thread_time() + seconds
-        self._at_last = time.monotonic() + _PATIENCE * seconds
+        self._at_last = time.monotonic() + _ELAPSED_PER_PROCESSOR_SECOND * seconds
 
     @property
     def left(self) -> float:
         """Remaining processor time in s; not negative."""
-        elapsed = (self._at_last - time.monotonic()) / _PATIENCE
+        elapsed = (self._at_last - time.monotonic()) / _ELAPSED_PER_PROCESSOR_SECOND
         return max(0.0, min(self._until - time.thread_time(), elapsed))
 
     @property

@@ -23,10 +23,10 @@ from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.tokens import names_in
 
-_PERTURBATION = 1e-3
+_RELATIVE_PERTURBATION = 1e-3
 """Relative perturbation of a symbol, to test whether a row depends on the symbol."""
 
-_ROUNDING = 1e-9
+_RESIDUAL_ROUNDING = 1e-9
 """Largest change of a residual that counts as rounding, relative to the larger of the residual and the tolerance."""
 
 
@@ -70,7 +70,7 @@ class Dependence:
         candidate.dropped = tuple(sorted(dropped))
         # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
         # correctly restore a zero that was misprinted; for two edits this is not credible.
-        if len(candidate.edits) > 1 and not dropped <= _touched(candidate):
+        if len(candidate.edits) > 1 and not dropped <= _replaced_symbols(candidate):
             trivial = True
         candidate.is_trivial = trivial
 
@@ -175,14 +175,14 @@ def equations_from(judge: Judge, step: Step) -> list[str]:
 def _with_perturbation(x: Value, k: int) -> Value:
     """Return a value with a perturbation of alternating sign, so that opposite effects do not cancel."""
     sign = np.where(np.arange(k) % 2, -1.0, 1.0)
-    added = _PERTURBATION / 10  # so that also a zero is changed
+    added = _RELATIVE_PERTURBATION / 10  # so that also a zero is changed
     if isinstance(x, Matrix):
         # Each entry is changed by another amount, because changes by the same one may have no effect together.
         pattern = np.cos(1.0 + np.arange(x.a[0].size)).reshape(x.a[0].shape)
-        factor = 1 + _PERTURBATION * sign[:, None, None] * pattern
+        factor = 1 + _RELATIVE_PERTURBATION * sign[:, None, None] * pattern
         return Matrix(x.a * factor + added * pattern)
     values = np.broadcast_to(np.asarray(x, float), (k,))
-    return values * (1 + _PERTURBATION * sign) + added * sign
+    return values * (1 + _RELATIVE_PERTURBATION * sign) + added * sign
 
 
 def _differ(before: Array, after: Array) -> bool:
@@ -193,23 +193,23 @@ def _differ(before: Array, after: Array) -> bool:
     if not in_both.any():
         return bool((np.isfinite(before) != np.isfinite(after)).any())
     difference = np.abs(before - after)[in_both]
-    limit = _ROUNDING * np.maximum(np.abs(before)[in_both], 1.0)
+    limit = _RESIDUAL_ROUNDING * np.maximum(np.abs(before)[in_both], 1.0)
     return bool((difference > limit).any())
 
 
-def _touched(candidate: Candidate) -> set[str]:
+def _replaced_symbols(candidate: Candidate) -> set[str]:
     """Return the symbols in the text that the edits replace, and the symbols from which these are computed."""
     touched: set[str] = set()
     for edit in candidate.edits:
-        names = _names(edit.old)
+        names = _names_in_text(edit.old)
         if edit.function == candidate.step.source.name:
-            touched |= _origins(candidate.step.source, edit.statement, names)
+            touched |= _with_origins(candidate.step.source, edit.statement, names)
         elif names:
             touched.update(candidate.step.inputs)
     return touched
 
 
-def _names(text: str) -> set[str]:
+def _names_in_text(text: str) -> set[str]:
     """Return the names in a part of a statement; none if it is no Python by itself."""
     try:
         tree = ast.parse(text.strip() or "0")
@@ -218,7 +218,7 @@ def _names(text: str) -> set[str]:
     return names_in(tree)
 
 
-def _origins(source: Source, index: int, names: set[str]) -> set[str]:
+def _with_origins(source: Source, index: int, names: set[str]) -> set[str]:
     """Return `names` and the names from which they are computed before a statement."""
     origins = set(names)
     for statement in reversed(source.statements[:index]):

@@ -17,21 +17,21 @@ from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.row_deviations import Judge
 
-_STEP = 1e-5
+_DERIVATIVE_STEP = 1e-5
 """Step (m, rad) of numeric derivatives with respect to the unknowns of an implicit equation."""
 
-_NO_DIRECTION = 1e-8
+_SMALLEST_SINGULAR_RATIO = 1e-8
 """Relative singular value below which gradients of several rows count as parallel."""
 
-_MOST_POSES = 0.5
+_LEAST_SHARE_OF_POSES = 0.5
 """Part of the poses at which a row must determine its unknown; at single poses, gradients may be parallel."""
 
-_PARALLEL = 1e-6
+_LEAST_OUTSIDE_COMPONENT = 1e-6
 """Minimum size of the component of a row's gradient outside the span of the other rows' gradients.
 
 The gradient is in SI and not scaled: its entry for the left side is -1, if the right side does not depend on it."""
 
-_NO_LENGTH = 1e-6
+_SHORTEST_GRADIENT = 1e-6
 """Length of a gradient below which it has no direction; it is not made longer."""
 
 
@@ -48,7 +48,7 @@ class DeterminedUnknowns:
         """Return whether an edited row still determines its unknown, together with the other rows of the equation.
 
         Only an equation that uses its own outputs can fail this check. The gradient of the edited row must not be in
-        the span of the other gradients, at more than `_MOST_POSES` of the poses.
+        the span of the other gradients, at more than `_LEAST_SHARE_OF_POSES` of the poses.
         """
         step = self.judge.step(row[0])
         unknowns = _own_unknowns(step, candidate.edits)
@@ -74,15 +74,15 @@ class DeterminedUnknowns:
         if gradients:
             unit_gradients: list[Array] = []
             for gradient in gradients.values():
-                unit_gradients.append(_unit(gradient))
+                unit_gradients.append(_unit_gradients(gradient))
             A = np.stack(unit_gradients, axis=1)  # (k, rows, unknowns)
             # pinv(A) A is the orthogonal projection on the span of the rows of A, the other gradients.
-            span = np.linalg.pinv(A, rcond=_NO_DIRECTION) @ A
+            span = np.linalg.pinv(A, rcond=_SMALLEST_SINGULAR_RATIO) @ A
             inside = (own_gradient[:, None, :] @ span)[:, 0]
             outside = own_gradient - inside
-        is_outside = np.linalg.norm(outside, axis=1) > _PARALLEL
+        is_outside = np.linalg.norm(outside, axis=1) > _LEAST_OUTSIDE_COMPONENT
         share = np.mean(is_outside[has_value])
-        return float(share) > _MOST_POSES
+        return float(share) > _LEAST_SHARE_OF_POSES
 
     def _gradients(
         self, candidate: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
@@ -103,7 +103,7 @@ class DeterminedUnknowns:
                 column = np.full(self.judge.reference.k, np.nan)
                 if row in above and row in below and above[row].shape[1] == 1:
                     # Residuals are in units of the tolerance; the gradient is in SI, as the components are compared.
-                    column = (above[row] - below[row])[:, 0] * (unit / (2 * _STEP))
+                    column = (above[row] - below[row])[:, 0] * (unit / (2 * _DERIVATIVE_STEP))
                 slopes.setdefault(row, []).append(column)
         gradients: dict[RowKey, Array] = {}
         for row, columns in slopes.items():
@@ -115,7 +115,7 @@ class DeterminedUnknowns:
         key = (equation, name, sign)
         if key not in self._stepped:
             values = {**self.judge.step(equation).computed, **self.judge.reference.symbols}
-            values[name] = values[name] + sign * _STEP
+            values[name] = values[name] + sign * _DERIVATIVE_STEP
             self._stepped[key] = self.judge.on(self.judge.reference.with_values(values), {equation})
         judge = self._stepped[key]
         unedited = edited_residuals(judge, equation, ()) or {}
@@ -145,8 +145,8 @@ def _own_unknowns(step: Step, edits: Sequence[Edit]) -> list[str]:
     return arguments + added
 
 
-def _unit(gradient: Array) -> Array:
-    """Return the unit vectors of gradients (k, n), shorter below `_NO_LENGTH`; zero where they are not finite."""
+def _unit_gradients(gradient: Array) -> Array:
+    """Return the unit vectors of gradients (k, n); shorter below `_SHORTEST_GRADIENT`, zero where not finite."""
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
-    unit = gradient / np.maximum(length, _NO_LENGTH)
+    unit = gradient / np.maximum(length, _SHORTEST_GRADIENT)
     return np.where(np.isfinite(unit).all(axis=1, keepdims=True), unit, 0.0)

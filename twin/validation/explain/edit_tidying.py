@@ -23,7 +23,7 @@ _MOST_CHANGES = 8
 _OPPOSITE = {ast.Add: b"-", ast.Sub: b"+"}
 """The sign that an addition or subtraction has if its right operand has the opposite sign."""
 
-_ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
+_WITHOUT_PARENTHESES = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
 """Expressions that need no parentheses."""
 
 _KEYWORDS = (b"return", b"in", b"and", b"or", b"not")
@@ -39,7 +39,7 @@ def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
         tree = _parsed(text)
         if tree is None:
             return text
-        change = _first_near(_changes(text, tree), edited)
+        change = _first_change_near(_changes(text, tree), edited)
         if change is None:
             return text
         (start, end), new = change
@@ -58,7 +58,7 @@ def _parsed(text: bytes) -> ast.Module | None:
         return None
 
 
-def _first_near(changes: Iterator[_Change], edited: Sequence[Span]) -> _Change | None:
+def _first_change_near(changes: Iterator[_Change], edited: Sequence[Span]) -> _Change | None:
     """Return the first change of a part that is near an edit; text far from the edits stays as its author wrote it."""
     for (start, end), new in changes:
         for first, last in edited:
@@ -86,14 +86,14 @@ def _changes(text: bytes, tree: ast.Module) -> Iterator[_Change]:
     starts = line_starts(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.BinOp):
-            yield from _of_operation(text, node, starts)
+            yield from _simpler_operation(text, node, starts)
         if isinstance(node, ast.UnaryOp):
             yield from _without_two_signs(text, node, starts)
-        if isinstance(node, _ATOM):
+        if isinstance(node, _WITHOUT_PARENTHESES):
             yield from _without_parentheses(text, node, starts)
 
 
-def _of_operation(text: bytes, node: ast.BinOp, starts: list[int]) -> Iterator[_Change]:
+def _simpler_operation(text: bytes, node: ast.BinOp, starts: list[int]) -> Iterator[_Change]:
     """Yield `a - b` for `a + -b` and `a + b` for `a - -b`, then an operation with one without this operation."""
     left_start, left_end = span_of(node.left, starts)
     right_start, right_end = span_of(node.right, starts)

@@ -21,10 +21,10 @@ from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.tokens import is_operation, is_sum
 
-_SAME_RESIDUALS = 1e-7
+_RESIDUAL_ROUNDING = 1e-7
 """Relative difference of residuals, apart from a factor, below which two edited rows count as the same function."""
 
-_ZERO = 1e-3
+_AGREEING_RESIDUAL = 1e-3
 """Residual, in units of the tolerance, below which a row agrees but for rounding, which is about 1e-6 of them."""
 
 
@@ -76,7 +76,7 @@ class EditedFunctions:
             edits = edits_of_statement[place]
             _, name, i = place
             source = self.judge.source_of(candidate.step, edits[0])
-            parts.append(f"{name}:{i}:{canonical(source, source.statements[i], edits)}")
+            parts.append(f"{name}:{i}:{canonical_statement(source, source.statements[i], edits)}")
         return "; ".join(parts)
 
     def perturbed_residuals(self, candidate: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
@@ -106,12 +106,12 @@ def _group_of(
     if residuals is None:
         return None
     for group in groups:
-        if group.residuals is not None and _same(group.residuals, residuals):
+        if group.residuals is not None and _are_equivalent(group.residuals, residuals):
             return group
     return None
 
 
-def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
+def _are_equivalent(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
     """Return whether two edited equations are equivalent: their residuals differ by a constant factor only.
 
     `a` and `b` are residuals (k, entries) by row. Any factor is allowed, because an implicit row may be multiplied by
@@ -127,8 +127,8 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
             return False
         x = a[row][has_value]
         y = b[row][has_value]
-        x_is_zero = np.abs(x).max(initial=0.0) < _ZERO
-        y_is_zero = np.abs(y).max(initial=0.0) < _ZERO
+        x_is_zero = np.abs(x).max(initial=0.0) < _AGREEING_RESIDUAL
+        y_is_zero = np.abs(y).max(initial=0.0) < _AGREEING_RESIDUAL
         if x_is_zero and y_is_zero:
             continue
         if x_is_zero or y_is_zero:  # a row that agrees everywhere has other solutions than one that does not
@@ -136,19 +136,19 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
         # The largest entry gives the factor with the smallest rounding.
         largest = int(np.argmax(np.abs(x)))
         factor = y[largest] / x[largest]
-        if np.abs(y - x * factor).max() > _SAME_RESIDUALS * float(np.abs(y).max(initial=0.0)):
+        if np.abs(y - x * factor).max() > _RESIDUAL_ROUNDING * float(np.abs(y).max(initial=0.0)):
             return False
     return True
 
 
-def canonical(source: Source, statement: Statement, edits: Sequence[Edit]) -> str:
+def canonical_statement(source: Source, statement: Statement, edits: Sequence[Edit]) -> str:
     """Return a statement after its edits, with the operands of sums and products in a fixed order."""
     text = source.edited(statement, edits)
     if statement.returns:
         text = text.removeprefix("return").strip()
     parts: list[str] = []
     for node in ast.parse(text).body:
-        parts.append(_sorted(node))
+        parts.append(_canonical_node(node))
     return "; ".join(parts)
 
 
@@ -160,13 +160,13 @@ def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
     return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
 
 
-def _sorted(node: ast.AST) -> str:
+def _canonical_node(node: ast.AST) -> str:
     """Return the canonical text of a syntax node; it is no Python, and only equal to that of the same formula."""
     if is_sum(node) or _is_minus(node):
-        terms = sorted(_sum(node, "+"))
+        terms = sorted(_signed_terms(node, "+"))
         return f"({' '.join(terms)})"
     if _is_product(node):
-        sign, factors = _product(node)
+        sign, factors = _sign_and_factors(node)
         return f"[{sign}{' '.join(sorted(factors))}]"
     if isinstance(node, ast.Name):
         return node.id
@@ -182,37 +182,37 @@ def _sorted(node: ast.AST) -> str:
 def _field_text(value: object) -> str:
     """Return the canonical text of a field of a node: a node, a list of fields, a name, or None for an absent part."""
     if isinstance(value, ast.AST):
-        return _sorted(value)
+        return _canonical_node(value)
     if isinstance(value, list):
         return f"[{', '.join(map(_field_text, value))}]"
     return repr(value)
 
 
-def _sum(node: ast.AST, sign: str) -> list[str]:
+def _signed_terms(node: ast.AST, sign: str) -> list[str]:
     """Return the terms of a sum, each with its sign."""
     opposite = "-" if sign == "+" else "+"
     if is_sum(node):
         right = sign if isinstance(node.op, ast.Add) else opposite
-        return _sum(node.left, sign) + _sum(node.right, right)
+        return _signed_terms(node.left, sign) + _signed_terms(node.right, right)
     if _is_minus(node):
-        return _sum(node.operand, opposite)
+        return _signed_terms(node.operand, opposite)
     if _is_product(node):
-        minus, factors = _product(node)
+        minus, factors = _sign_and_factors(node)
         if minus:
             sign = opposite
         return [sign + " ".join(sorted(factors))]
-    return [sign + _sorted(node)]
+    return [sign + _canonical_node(node)]
 
 
-def _product(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
+def _sign_and_factors(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
     """Return ("-" or "", factors of a product, each with "*" or "/" before it)."""
     if _is_product(node):
-        left_sign, left_factors = _product(node.left, divided)
-        right_sign, right = _product(node.right, divided != isinstance(node.op, ast.Div))
+        left_sign, left_factors = _sign_and_factors(node.left, divided)
+        right_sign, right = _sign_and_factors(node.right, divided != isinstance(node.op, ast.Div))
         sign = "-" if left_sign != right_sign else ""
         return sign, left_factors + right
     if _is_minus(node):
-        sign, factors = _product(node.operand, divided)
+        sign, factors = _sign_and_factors(node.operand, divided)
         return ("" if sign else "-"), factors
     operator = "/" if divided else "*"
-    return "", [operator + _sorted(node)]
+    return "", [operator + _canonical_node(node)]

@@ -18,9 +18,9 @@ from twin.formula.contract import Formula
 from twin.formula.variant_choice import choose
 from twin.reference import ReferenceModel
 from twin.reference.margin_zeros import Judged
-from twin.validation.explain.cad_faults import Corrected, correct, findings_on_joints
+from twin.validation.explain.cad_faults import CorrectedCad, correct, findings_on_joints
 from twin.validation.explain.candidate import GroupResult
-from twin.validation.explain.coverage import check_margins, coverage, unvalued
+from twin.validation.explain.coverage import check_margins, coverage, findings_on_unvalued_symbols
 from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.explanation import Explanation
 from twin.validation.explain.explanation_data import Repair, WrongRow
@@ -28,10 +28,10 @@ from twin.validation.explain.explanation_repairs import repair
 from twin.validation.explain.explanation_rows import wrong_margin, wrong_row
 from twin.validation.explain.invariants import invariants
 from twin.validation.explain.judged_states import judge_over_range, sample_states, sampled_values
-from twin.validation.explain.noise_limits import limits
+from twin.validation.explain.noise_limits import noise_limits
 from twin.validation.explain.parameter_coincidences import coincidences, condition
 from twin.validation.explain.possible_fixes import possible_fixes
-from twin.validation.explain.proved_repairs import RepairProver, proved
+from twin.validation.explain.proved_repairs import RepairProver, with_proofs
 from twin.validation.explain.reference_values import ReferenceValues, symbol_values
 from twin.validation.explain.row_deviations import Judge
 
@@ -125,7 +125,7 @@ def explain(
             answer.notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
     if cad is not None and cad.noise is not None and judge.reference.run is not None:
         answer.make = partial(answer.make, drawing=findings_on_joints(cad))
-        judge = task.judge(judge.reference, limits(cad.noise, cad, judge, parameters))
+        judge = task.judge(judge.reference, noise_limits(cad.noise, cad, judge, parameters))
         task.laps.end("noise")
         if not judge.failing():
             return answer.explained_by_cad(judge, "noise")
@@ -182,7 +182,7 @@ class _Task:
 
 
 def _judge_as_drawn(
-    task: _Task, model: ReferenceModel, reference: ReferenceValues | None, corrected: Corrected | None
+    task: _Task, model: ReferenceModel, reference: ReferenceValues | None, corrected: CorrectedCad | None
 ) -> Judge | None:
     """Return the judge of the equations at states of the mechanism as it is drawn, or at those of `reference`.
 
@@ -294,7 +294,7 @@ class _Answer:
             verdict,
             explained=not wrong,
             samples=judge.reference.k,
-            invariants=tuple(unvalued(judge)),
+            invariants=tuple(findings_on_unvalued_symbols(judge)),
             rows=tuple(wrong),
             notes=tuple(notes),
             judged=covered.rows - len(covered.unjudged),
@@ -306,12 +306,12 @@ class _Answer:
         task = self.task
         options = task.options
         task.progress("invariants", 0.0)
-        violated = (*unvalued(judge), *invariants(judge, model))
+        violated = (*findings_on_unvalued_symbols(judge), *invariants(judge, model))
         task.laps.end("invariants")
         fixes = possible_fixes(judge, model, options.budget, task.progress, task.laps.end)
         if options.prover is not None:
             task.progress("prove the repairs", 0.0)
-        proved_results = proved(judge.formula, fixes.results, options.prover)
+        proved_results = with_proofs(judge.formula, fixes.results, options.prover)
         if options.prover is not None:
             task.laps.end("prove")
         results: list[GroupResult] = []

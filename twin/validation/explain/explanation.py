@@ -185,7 +185,7 @@ def row_lines(rows: Sequence[WrongRow], repairs: Sequence[Repair], samples: int)
     has_sizes = False
     for row in rows:
         has_sizes |= not row.why  # margins have a reason instead of a size
-        lines += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
+        lines += _lines_of_row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
     if has_sizes:
         lines.insert(0, Line(f"  {_SIZES_REMARK.format(samples)}", "dim"))
     return lines
@@ -201,7 +201,7 @@ def _first_changes(repairs: Sequence[Repair]) -> dict[str, tuple[Change, ...]]:
     return changes
 
 
-def _row(row: WrongRow, faults: Sequence[Change]) -> Iterator[Line]:
+def _lines_of_row(row: WrongRow, faults: Sequence[Change]) -> Iterator[Line]:
     """Yield the lines on a wrong row; `faults` are the changes of its first fix, the line of each is cited first."""
     yield Line(f"  {row.equation} ({row.variant}), {row.symbol} = {row.means}: {_difference_text(row)}", "")
     for fault in faults:
@@ -242,16 +242,16 @@ def repair_lines(repairs: Sequence[Repair]) -> list[Part]:
     """Return the lines on the repairs of all groups of rows."""
     lines: list[Part] = []
     for repair in repairs:
-        lines += _repair(repair)
+        lines += _lines_of_repair(repair)
     return lines
 
 
-def _repair(repair: Repair) -> Iterator[Part]:
+def _lines_of_repair(repair: Repair) -> Iterator[Part]:
     """Yield the lines on the repair of one group of rows; without a cure, the reason."""
     rows = ", ".join(repair.rows)
     if not repair.cures:
         yield Line(f"  {rows}: {repair.note}", "red")
-        yield Line(f"      {_tried(repair)}", "dim")
+        yield Line(f"      {_extent_text(repair)}", "dim")
         return
     if repair.tie:
         yield Line(f"  {rows} (TIE)", "yellow")
@@ -264,7 +264,7 @@ def _repair(repair: Repair) -> Iterator[Part]:
                 bullet = f"{i + 1}. "
             elif reading is not cure[0]:
                 bullet = "or "
-            yield from _reading(reading, f"    {bullet}")
+            yield from _lines_of_reading(reading, f"    {bullet}")
         if repair.proofs:
             colour = "green" if repair.proofs[i].startswith("identity") else "yellow"
             yield Line(f"        {repair.proofs[i]}", colour)
@@ -275,10 +275,10 @@ def _repair(repair: Repair) -> Iterator[Part]:
         margin = f"the next best is {repair.margin:.1g} times worse"
     if repair.runner_up:
         margin += f": {repair.runner_up}"
-    yield Line(f"      {margin}; {_tried(repair)}", "dim")
+    yield Line(f"      {margin}; {_extent_text(repair)}", "dim")
 
 
-def _reading(reading: Reading, bullet: str) -> Iterator[Line]:
+def _lines_of_reading(reading: Reading, bullet: str) -> Iterator[Line]:
     """Yield one fix; its first line begins with `bullet`."""
     changes: list[str] = []
     for change in reading.changes:
@@ -293,7 +293,7 @@ def _reading(reading: Reading, bullet: str) -> Iterator[Line]:
         yield Line(f"        {reading.note}", "dim")
 
 
-def _tried(repair: Repair) -> str:
+def _extent_text(repair: Repair) -> str:
     """Return how many edits were tried, whether more could be, and for pairs the time of their search."""
     if repair.seconds:  # pairs were searched
         extent = "every pair" if repair.complete else "not every pair (a larger --seconds gives more time)"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.validation.explain.candidate import TOKENS, Candidate
+from twin.validation.explain.candidate import TOKEN_KINDS, Candidate
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation_data import Change, Reading, Repair
 from twin.validation.explain.explanation_rows import residual_unit, row_name, row_symbol, shortened, shown_path
@@ -16,7 +16,7 @@ from twin.validation.explain.proved_repairs import ProvedResult
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
 
-_LEAST_RESIDUAL = 1e-6
+_LEAST_DIVISOR = 1e-6
 """Minimum divisor of a ratio of residuals, in units of the tolerance; it prevents a division by zero."""
 
 _LONGEST_PHRASE = 70
@@ -29,8 +29,8 @@ def repair(judge: Judge, search: RepairSearch, proved_result: ProvedResult, root
     cures: list[tuple[Reading, ...]] = []
     for candidates in result.cures:
         readings: list[Reading] = []
-        for candidate in _reported(candidates):
-            readings.append(_reading(candidate, root))
+        for candidate in _reported_readings(candidates):
+            readings.append(_reading_of(candidate, root))
         cures.append(tuple(readings))
     runner_up = ""
     if result.runner_up is not None:
@@ -42,7 +42,7 @@ def repair(judge: Judge, search: RepairSearch, proved_result: ProvedResult, root
     note = ""
     margin = 0.0
     if result.cures:
-        margin = result.runner_up_residual / max(result.best_residual, _LEAST_RESIDUAL)
+        margin = result.runner_up_residual / max(result.best_residual, _LEAST_DIVISOR)
     else:
         nearest = ""
         if runner_up:
@@ -92,7 +92,7 @@ def _tie_text(cures: Sequence[tuple[Reading, ...]], is_merged: bool) -> str:
     return ""
 
 
-def _reported(readings: list[Candidate]) -> list[Candidate]:
+def _reported_readings(readings: list[Candidate]) -> list[Candidate]:
     """Return the candidates to report from `readings`, a list of candidates that result in the same function.
 
     Edits in the equation's own rows are preferred to edits in helpers, and edits of single tokens to other edits.
@@ -108,7 +108,7 @@ def _reported(readings: list[Candidate]) -> list[Candidate]:
     of_tokens: list[Candidate] = []
     for candidate in preferred:
         kinds = [edit.kind for edit in candidate.edits]
-        if set(kinds) <= set(TOKENS):
+        if set(kinds) <= set(TOKEN_KINDS):
             of_tokens.append(candidate)
     return of_tokens or preferred[:1]
 
@@ -138,7 +138,7 @@ def edit_phrase(edit: Edit) -> str:
     return shortened(edit.text, _LONGEST_PHRASE)
 
 
-def _reading(candidate: Candidate, root: Path | None) -> Reading:
+def _reading_of(candidate: Candidate, root: Path | None) -> Reading:
     """Return the edits of a candidate with their lines before and after, and as a diff."""
     note = ""
     for edit in candidate.edits:

@@ -14,31 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import MULTI_TOKEN, TOKENS
+from twin.validation.explain.candidate import MULTI_TOKEN_KINDS, TOKEN_KINDS
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.expression_shifts import DIFFERENCE, Flat, Shift
-from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, apply
-from twin.validation.explain.inverse_operations import inverse
+from twin.validation.explain.expression_shifts import DERIVATIVE_STEP, FlatShift, Shift
+from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, text_after_edits
+from twin.validation.explain.inverse_operations import operand_values
 from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.plain_values import scalar_form, unwrapped
-from twin.validation.explain.required_values import expressions, scalar_atoms, written
+from twin.validation.explain.required_values import edits_to_required, expressions, scalar_atoms
 from twin.validation.explain.statement_edits import statement_edits
-from twin.validation.explain.term_texts import EQUAL, Atom
+from twin.validation.explain.term_texts import RELATIVE_ROUNDING, Atom
 from twin.validation.explain.tokens import parents_of
 
 _HOLE = "_hole_"
 """Name that stands for a part of an expression whose value is sought."""
 
-_NEWTON_STEPS = 10
+_MOST_NEWTON_STEPS = 10
 """Maximum number of Newton steps for the value of a part."""
 
-_CONVERGED = 1e-10
+_CONVERGED_DIFFERENCE = 1e-10
 """Relative difference at which Newton's method ends."""
 
-_SMALLEST_SIZE = 1e-9
+_SMALLEST_COMPARED_SIZE = 1e-9
 """Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
-_MOST_WRITTEN = 12
+_MOST_FORMULAS = 12
 """Maximum number of short formulas for the required value of one part."""
 
 
@@ -58,7 +58,7 @@ class Site:
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
         edits: list[Edit] = []
-        for edit in statement_edits(self.source, self.statement, self.pool, (*TOKENS, *MULTI_TOKEN)):
+        for edit in statement_edits(self.source, self.statement, self.pool, (*TOKEN_KINDS, *MULTI_TOKEN_KINDS)):
             if edit.define is None and edit.kind != "left side":
                 edits.append(edit)
         return tuple(edits)
@@ -90,7 +90,7 @@ class Expression:
         self.scopes = [dict(scope) for scope in shift.scopes]
         self.k = len(shift.added)
         self._span = site.source.span(node)
-        self._size = _size(shift.value[:, 0])
+        self._size = _largest_value(shift.value[:, 0])
         self._sizes: dict[ast.expr, float] = {}
         self._tables: dict[ast.expr, Array] = {}  # of `values_after`
 
@@ -110,14 +110,14 @@ class Expression:
             values = self.present_value(part)
             if needed is None or values is None:
                 continue
-            shift = Flat(self.k, self.scopes)
+            shift = FlatShift(self.k, self.scopes)
             shift.value = values[:, None]
             shift.added = (needed - values)[:, None]
             shift.valued_poses = self.valued_poses
             if atoms is None:
                 atoms = scalar_atoms(self.site.source, self.site.statement, shift)
-            texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
-            yield from islice(texts, _MOST_WRITTEN)
+            texts = edits_to_required(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
+            yield from islice(texts, _MOST_FORMULAS)
 
     def edit_pairs(self, required: Array) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits after which the expression has the values `required` (k,).
@@ -199,15 +199,15 @@ class Expression:
         span = self.span_of(part)
         source = self.site.source
         hole = source.edit_of(self.site.statement, span, _HOLE, "required")
-        code = expression_code(apply(source.data, [*change, hole], *self._span))
+        code = expression_code(text_after_edits(source.data, [*change, hole], *self._span))
         values = self.present_value(part)
         if code is None or values is None:
             return None
         valued = self.valued_poses
-        limit = _CONVERGED * max(float(np.abs(required[valued]).max()), EQUAL)
+        limit = _CONVERGED_DIFFERENCE * max(float(np.abs(required[valued]).max()), RELATIVE_ROUNDING)
         values = values.copy()
         previous_size = np.inf
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(_MOST_NEWTON_STEPS):
             result = self._run(code, values)
             if result is None:
                 return None
@@ -219,10 +219,10 @@ class Expression:
             if not size < max(previous_size, 10 * limit):
                 return None
             previous_size = size
-            result_ahead = self._run(code, values + DIFFERENCE)
+            result_ahead = self._run(code, values + DERIVATIVE_STEP)
             if result_ahead is None:
                 return None
-            step = error / ((result_ahead - result) / DIFFERENCE)
+            step = error / ((result_ahead - result) / DERIVATIVE_STEP)
             values = values - np.where(np.isfinite(step), step, 0.0)
         return None
 
@@ -235,7 +235,7 @@ class Expression:
         for child, node in zip(reversed(nodes[:-1]), reversed(nodes[1:]), strict=True):
             if not isinstance(node, ast.expr) or not isinstance(child, ast.expr):
                 return None
-            inner = inverse(node, child, values, lambda operand: self.value(change, self.span_of(operand)))
+            inner = operand_values(node, child, values, lambda operand: self.value(change, self.span_of(operand)))
             if inner is None or not np.isfinite(inner[self.valued_poses]).all():
                 return None
             values = inner
@@ -277,7 +277,7 @@ class Expression:
     def _size_of(self, part: ast.expr) -> float:
         """Return the largest absolute value of a part before edits."""
         if part not in self._sizes:
-            self._sizes[part] = _size(self.present_value(part))
+            self._sizes[part] = _largest_value(self.present_value(part))
         return self._sizes[part]
 
     def _equal(self, values: Array, required: Array, size: float) -> NDArray[np.intp]:
@@ -290,14 +290,14 @@ class Expression:
         differences = values[:, self.valued_poses] - required[self.valued_poses]
         turns = np.round(differences[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
         differences = differences - 2 * np.pi * np.nan_to_num(turns)
-        limit = EQUAL * max(float(np.abs(required[self.valued_poses]).max()), size, _SMALLEST_SIZE)
+        limit = RELATIVE_ROUNDING * max(float(np.abs(required[self.valued_poses]).max()), size, _SMALLEST_COMPARED_SIZE)
         return np.flatnonzero(np.abs(differences).max(axis=1) <= limit)
 
     def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
         """Return the values (k,) of the text in `span` after the edits in it; None if it is not a scalar."""
         start, end = span
         inside = [edit for edit in change if edit.is_within(span)]
-        code = expression_code(apply(self.site.source.data, inside, start, end))
+        code = expression_code(text_after_edits(self.site.source.data, inside, start, end))
         if code is None:
             return None
         return self._run(code, None)
@@ -313,7 +313,7 @@ class Expression:
         for n, scope in enumerate(self.scopes):
             if hole is not None:
                 scope[_HOLE] = scalar_form(scope)(hole[n * each : (n + 1) * each])
-            values = _scalar(code, scope, each)
+            values = _scalar_values(code, scope, each)
             scope.pop(_HOLE, None)
             if values is None:
                 return None
@@ -323,7 +323,7 @@ class Expression:
         return np.concatenate(parts)
 
 
-def _scalar(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
+def _scalar_values(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
     """Return the values (k,) of an expression in a scope; None if it is not a scalar."""
     try:
         value: Any = eval(code, scope)
@@ -340,7 +340,7 @@ def _scalar(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
         return None
 
 
-def _size(values: Array | None) -> float:
+def _largest_value(values: Array | None) -> float:
     """Return the largest absolute value; zero without values."""
     if values is None:
         return 0.0

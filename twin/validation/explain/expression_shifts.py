@@ -20,13 +20,13 @@ from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import Matrix, to_array
 
-STEPS = 12
+MOST_NEWTON_STEPS = 12
 """Maximum number of Gauss-Newton steps."""
 
-DIFFERENCE = 1e-6
+DERIVATIVE_STEP = 1e-6
 """Difference with which derivatives are computed."""
 
-CONVERGED = 1e-3
+CONVERGED_RESIDUAL = 1e-3
 """Residual at which Gauss-Newton ends, in units of the tolerance."""
 
 START_FACTORS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
@@ -35,13 +35,13 @@ START_FACTORS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
 FEWEST_POSES = 6
 """Minimum number of poses at which a row must have a value."""
 
-_HALVINGS = 4
+_MOST_HALVINGS = 4
 """Maximum number of times that a step is halved."""
 
-_LEAST_PROGRESS = 0.9
+_LARGEST_REMAINING_PART = 0.9
 """Part of the largest residual that may be left after a step."""
 
-SINGULAR = 1e-9
+SMALLEST_SINGULAR_RATIO = 1e-9
 """Smallest ratio of singular values with which the rows determine all unknowns."""
 
 
@@ -80,7 +80,7 @@ class Shift:
 
     @property
     def scopes(self) -> list[dict[str, Any]]:
-        """The scopes of the calls in which the values are; see `Calls.flat`."""
+        """The scopes of the calls in which the values are; see `ShiftOfCalls.flat`."""
         return [self.scope]
 
     def begin(self) -> None:
@@ -126,7 +126,7 @@ def _in_form_of(value: Any, shifted_value: Array) -> Any:
     return shifted_value
 
 
-class Calls(Shift):
+class ShiftOfCalls(Shift):
     """Shifts (k, calls) of a scalar that an evaluation computes several times, such as in a loop: one for each call."""
 
     def __init__(self, k: int, calls: int) -> None:
@@ -157,14 +157,14 @@ class Calls(Shift):
 
     def flat(self) -> Shift:
         """Return one shift for all calls, with the values of the first call first."""
-        flat = Flat(self.added.size, self._scopes)
+        flat = FlatShift(self.added.size, self._scopes)
         flat.added = self.added.T.reshape(-1, 1)
         flat.value = self.values.T.reshape(-1, 1)
         flat.valued_poses = np.tile(self.valued_poses, self.added.shape[1])
         return flat
 
 
-class Flat(Shift):
+class FlatShift(Shift):
     """The shifts of several calls of a scalar, one after the other; each call has its own scope."""
 
     def __init__(self, k: int, scopes: list[dict[str, Any]]) -> None:
@@ -188,7 +188,7 @@ def shifted(source: Source, statement: Statement, node: ast.expr, name: str, sco
     return source.edit_of(statement, (start, end), new, "required")
 
 
-def solution(
+def newton_solution(
     residual: Callable[[Array], Array | None],
     start: Array,
     scale: Callable[[], Array],
@@ -213,25 +213,25 @@ def solution(
             trial_residuals = residual(trial_values)
             if trial_residuals is None:
                 return None
-            better: NDArray[np.bool_] = (cost(trial_residuals) < cost(residuals))[:, None]
+            better: NDArray[np.bool_] = (sums_of_squares(trial_residuals) < sums_of_squares(residuals))[:, None]
             values = np.where(better, trial_values, values)
             residuals = np.where(better, trial_residuals, residuals)
     has_value = np.asarray(np.isfinite(residuals).all(axis=1))
     if has_value.sum() < FEWEST_POSES:
         return None
-    for _ in range(STEPS):
+    for _ in range(MOST_NEWTON_STEPS):
         if deadline.passed:
             return None
-        if np.abs(residuals[has_value]).max() <= CONVERGED:
+        if np.abs(residuals[has_value]).max() <= CONVERGED_RESIDUAL:
             break
-        step = _step(residual, values, residuals, has_value)
+        step = _gauss_newton_step(residual, values, residuals, has_value)
         if step is None:
             return None
         new = residual(values + step)
-        for _ in range(_HALVINGS):  # half the step where the residual grows
+        for _ in range(_MOST_HALVINGS):  # half the step where the residual grows
             if new is None:
                 return None
-            worse = has_value & ~(cost(new) <= cost(residuals))
+            worse = has_value & ~(sums_of_squares(new) <= sums_of_squares(residuals))
             if not worse.any():
                 break
             step = np.where(worse[:, None], step / 2, step)
@@ -239,7 +239,7 @@ def solution(
         if new is None:
             return None
         largest = np.abs(new[has_value]).max()
-        if largest > max(_LEAST_PROGRESS * np.abs(residuals[has_value]).max(), 1.0):
+        if largest > max(_LARGEST_REMAINING_PART * np.abs(residuals[has_value]).max(), 1.0):
             return None  # these expressions cannot make the rows agree
         values = values + step
         residuals = new
@@ -249,7 +249,7 @@ def solution(
     return values, has_value
 
 
-def _step(
+def _gauss_newton_step(
     residual: Callable[[Array], Array | None], values: Array, residuals: Array, has_value: np.ndarray
 ) -> Array | None:
     """Return a step of Gauss-Newton (k, unknowns), zero where `has_value` is false.
@@ -259,17 +259,17 @@ def _step(
     slopes: list[Array] = []
     for i in range(values.shape[1]):
         ahead = values.copy()
-        ahead[:, i] += DIFFERENCE
+        ahead[:, i] += DERIVATIVE_STEP
         residuals_ahead = residual(ahead)
         if residuals_ahead is None:
             return None
-        slopes.append((residuals_ahead - residuals) / DIFFERENCE)
+        slopes.append((residuals_ahead - residuals) / DERIVATIVE_STEP)
     J = np.stack(slopes, axis=2)[has_value]
     if not np.isfinite(J).all():
         return None
     if J.shape[2] > 1:
         singular = np.linalg.svd(J, compute_uv=False)
-        if J.shape[1] < J.shape[2] or (singular[:, -1] <= SINGULAR * singular[:, 0]).any():
+        if J.shape[1] < J.shape[2] or (singular[:, -1] <= SMALLEST_SINGULAR_RATIO * singular[:, 0]).any():
             return None
     step = np.zeros_like(values)
     newton = np.linalg.pinv(J) @ residuals[has_value][:, :, None]
@@ -279,6 +279,6 @@ def _step(
     return step
 
 
-def cost(r: Array) -> Array:
+def sums_of_squares(r: Array) -> Array:
     """Return the sum of squares of residuals (k, entries) at each pose; infinite without a value."""
     return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)

@@ -19,7 +19,7 @@ from twin.formula.contract import Formula
 from twin.robots import load_formula
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.function_source import Edit, patched
-from twin.validation.explain.parameter_coincidences import closes, coincidences, condition
+from twin.validation.explain.parameter_coincidences import coincidences, condition, returns_to_pose
 from twin.validation.explain.row_deviations import Judge, worst
 
 
@@ -128,7 +128,7 @@ class FormulaStates:
             conditions.append(condition(group))
         chance = " and ".join(conditions)
         swivel = before.reference.free_parameter
-        if not wrong and not chance and swivel and closes(judge, {}) is False:
+        if not wrong and not chance and swivel and returns_to_pose(judge, {}) is False:
             # The rows were judged at the best value of the swivel, which need not be the formula's value.
             chance = f"for another {swivel} than that of the equations"
         return FormulaState(wrong, chance, has_worse_row, failing)

@@ -20,7 +20,7 @@ from twin.validation.explain.tokens import line_starts, span
 
 _BRANCHES_REASON = "the function returns from within a branch or a loop"
 
-_AUGMENTED = re.compile(r"[-+*/@%]=")
+_AUGMENTED_SIGN = re.compile(r"[-+*/@%]=")
 """Signs of augmented assignments, which few statements have."""
 
 ByteRange = tuple[int, int]
@@ -29,7 +29,7 @@ ByteRange = tuple[int, int]
 TextPlace = tuple[Path, int, int]
 """File, first byte and end of an expression."""
 
-OUT = "_out_"
+RETURN_NAME = "_out_"
 """Name under which an executed function stores its return value."""
 
 
@@ -114,10 +114,10 @@ class Statement:
         value = self.node.value  # type: ignore[attr-defined]
         if isinstance(value, ast.Tuple) and position < len(value.elts):
             value = value.elts[position]
-        return _names(value, ast.Load, ast.Store)
+        return _names_in_contexts(value, ast.Load, ast.Store)
 
 
-def _names(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
+def _names_in_contexts(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
     """Return the names in a syntax tree that are used in one of the given contexts."""
     names: set[str] = set()
     for part in ast.walk(node):
@@ -204,7 +204,7 @@ class Source:
         """Return a top-level statement with the names that it reads, and those that it assigns or changes in place."""
         node = row.node
         start, end = self.span(node)
-        reads = _names(node, ast.Load)
+        reads = _names_in_contexts(node, ast.Load)
         writes: dict[str, None] = {}  # in the order of the text
         called: set[str] = set()
         entries: dict[str, None] = {}
@@ -213,7 +213,7 @@ class Source:
             targets.update(map(id, names))
         for part in ast.walk(node):
             if isinstance(part, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
-                reads -= _names(part.target, ast.Load, ast.Store)
+                reads -= _names_in_contexts(part.target, ast.Load, ast.Store)
             if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store) and id(part) not in targets:
                 writes[part.id] = None
             if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
@@ -269,10 +269,10 @@ class Source:
 
     def edited(self, statement: Statement, edits: Iterable[Edit] = ()) -> str:
         """Return the text of a statement after its edits."""
-        return apply(self.data, edits, statement.start, statement.end)
+        return text_after_edits(self.data, edits, statement.start, statement.end)
 
     def compiled(self, statement: Statement, edits: Iterable[Edit] = ()) -> CodeType:
-        """Return a statement compiled for execution in one dictionary; a return stores its value under `OUT`.
+        """Return a statement compiled for execution in one dictionary; a return stores its value under `RETURN_NAME`.
 
         Raises:
             SyntaxError: the edited text is not valid Python.
@@ -280,10 +280,10 @@ class Source:
         text = self.edited(statement, edits)
         has_lines = statement.line != statement.node.end_lineno or isinstance(statement.node, ast.For | ast.If)
         if statement.returns:
-            text = f"{OUT} = ({text[len('return') :].strip()}\n)"
+            text = f"{RETURN_NAME} = ({text[len('return') :].strip()}\n)"
         elif has_lines:  # further lines are indented as in the function
             text = "if 1:\n" + " " * max(statement.column, 1) + text
-        return _code(text, self.path, self._casadi)
+        return _compiled(text, self.path, self._casadi)
 
     def elements(self, statement: Statement, edits: Iterable[Edit] = ()) -> list[CodeType]:
         """Return the elements of the tuple that a statement returns, each compiled as `compiled` does.
@@ -303,8 +303,8 @@ class Source:
         for element in value.elts:
             if isinstance(element, ast.Starred):  # it stands for any number of outputs
                 return []
-            assignment = f"{OUT} = ({ast.get_source_segment(text, element)}\n)"
-            codes.append(_code(assignment, self.path, self._casadi))
+            assignment = f"{RETURN_NAME} = ({ast.get_source_segment(text, element)}\n)"
+            codes.append(_compiled(assignment, self.path, self._casadi))
         return codes
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
@@ -317,21 +317,21 @@ class Source:
         for statement in self.statements:
             if statement.home is not self.node:
                 raise SyntaxError(f"{self.name}() changes rows of another function")
-        return _code(apply(self.data, edits, *self.span(self.node)), self.path, self._casadi)
+        return _compiled(text_after_edits(self.data, edits, *self.span(self.node)), self.path, self._casadi)
 
 
 @lru_cache(maxsize=4096)
-def _code(text: str, path: Path, casadi: bool) -> CodeType:
+def _compiled(text: str, path: Path, casadi: bool) -> CodeType:
     """Compile a text; the result is cached, because the same text occurs in many combinations of edits.
 
     `casadi`: whether the text is run as CasADi runs it; see `augmented`.
     """
-    if casadi and _AUGMENTED.search(text):
+    if casadi and _AUGMENTED_SIGN.search(text):
         return augmented_assignments.compiled(text, f"{path}")
     return compile(text, f"{path}", "exec")
 
 
-def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
+def text_after_edits(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
     """Return the bytes `start` to `end` of a file as text, after the edits in this range."""
     parts: list[bytes] = []
     position = start
@@ -355,15 +355,15 @@ def patched(edits: Iterable[Edit]) -> str:
     for edit in edits:
         if edit.define:
             required |= dict.fromkeys(definitions(data, edit))
-    return apply(data, [*finished(data, edits), *required], 0, len(data))
+    return text_after_edits(data, [*tidied_edits(data, edits), *required], 0, len(data))
 
 
-def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
+def tidied_edits(data: bytes, edits: list[Edit]) -> list[Edit]:
     """Return edits that have the effect of `edits` and also tidy the edited statements."""
     starts = line_starts(data)
     changes: list[Edit] = []
     remaining = list(edits)
-    for statement in ast.walk(_tree(data)):
+    for statement in ast.walk(_parsed(data)):
         if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             continue
         start, end = span(statement, starts)
@@ -377,7 +377,7 @@ def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
         if not inside:
             continue
         remaining = outside
-        text = apply(data, inside, start, end).encode()
+        text = text_after_edits(data, inside, start, end).encode()
         tidied = tidy(text, _edited_parts(inside, start))
         if tidied == text:
             changes += inside
@@ -400,7 +400,7 @@ def _edited_parts(edits: list[Edit], start: int) -> list[tuple[int, int]]:
 
 
 @lru_cache(maxsize=8)
-def _tree(data: bytes) -> ast.Module:
+def _parsed(data: bytes) -> ast.Module:
     return ast.parse(data)
 
 
@@ -424,7 +424,7 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     starts = line_starts(data)
     around: list[ast.FunctionDef] = []
     edited: list[ast.FunctionDef] = []
-    for node in ast.walk(_tree(data)):
+    for node in ast.walk(_parsed(data)):
         if isinstance(node, ast.FunctionDef) and node.lineno <= edit.line <= (node.end_lineno or 0):
             around.append(node)
             if node.name == edit.function:

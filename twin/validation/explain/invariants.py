@@ -17,42 +17,42 @@ from twin.formula.scalar import Value
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.function_source import OUT
-from twin.validation.explain.plain_values import copied
+from twin.validation.explain.function_source import RETURN_NAME
+from twin.validation.explain.plain_values import with_copied_values
 from twin.validation.explain.rebuilt_functions import Matrix, to_array
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, returned_values, worst
 
-_LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
+_LOOP_OPENS = Kind("invariant.loop", "disagreement", word="tolerance")
 
-_OTHER_INPUT = 2.0
+_LINEARITY_PROBE = 2.0
 """Value of all outputs of an implicit equation, with which it is tested that its rows are linear in them."""
 
-_LINEAR = 1e-9
+_LINEARITY_ROUNDING = 1e-9
 """Absolute difference from linear rows that is rounding."""
 
-_DETERMINED = 1e12
+_LARGEST_CONDITION_NUMBER = 1e12
 """Condition number above which rows do not determine the outputs of an implicit equation."""
 
-_CONSTANT = 10
+_CONSTANT_LENGTH_FACTOR = 10
 """Change of a length that counts as none, in units of the tolerance: two points may each be off by rounding."""
 
-_RIGID = 1e-6
+_SHORTEST_ROD = 1e-6
 """Length in m: a rod that changes by more is none, and one that is shorter has no direction."""
 
-_ORTHOGONAL = 1e-9
+_ORTHOGONALITY_ROUNDING = 1e-9
 """Largest entry of R^T R - I of a rotation."""
 
-_SCALE = 1.25
+_LENGTH_FACTOR = 1.25
 """Factor of all lengths, with which the error of a dimensionally consistent row grows by the same factor."""
 
-_LENGTHS = ("mm", "m", "cm", "um")
+_LENGTH_UNITS = ("mm", "m", "cm", "um")
 """Units of parameters that are lengths."""
 
-_NO_ERROR = 1e-300
+_LEAST_DIVISOR = 1e-300
 """Minimum divisor where an error may be zero, as that of a row that is wrong only because it has no value."""
 
-_SAME_GROWTH = 1e-6
+_GROWTH_ROUNDING = 1e-6
 """Largest difference of the growth of an error from that of a length, or of an angle, relative to the error."""
 
 
@@ -86,7 +86,7 @@ def formula_pose(judge: Judge, place: RowPlace) -> Array:
     return judge.reference.symbols[place.symbol].a + difference.reshape(-1, 4, 4)
 
 
-def solved(judge: Judge) -> dict[str, Value]:
+def implicit_outputs(judge: Judge) -> dict[str, Value]:
     """Return the outputs of implicit equations; the coupled rows of an equation are solved together."""
     values: dict[str, Value] = {}
     for step in judge.steps:
@@ -98,13 +98,13 @@ def solved(judge: Judge) -> dict[str, Value]:
                 names.append(name)
         if not names:
             continue
-        x = _solution(judge, step.equation.name, names)
+        x = _linear_solution(judge, step.equation.name, names)
         if x is not None:
             values |= dict(zip(names, x.T, strict=True))
     return values
 
 
-def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
+def _linear_solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
     """Return the values (k, n) of an equation's inputs `names` that its outputs reproduce: x = A x + b.
 
     b are the outputs at x = 0, column j of A the difference at the unit vector j. None if the outputs are not linear in
@@ -112,7 +112,7 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
     """
     count = len(names)
     outputs_at_zero = _outputs_at(judge, equation, names, [0.0] * count)
-    outputs_at_other = _outputs_at(judge, equation, names, [_OTHER_INPUT] * count)
+    outputs_at_other = _outputs_at(judge, equation, names, [_LINEARITY_PROBE] * count)
     if outputs_at_zero is None or outputs_at_other is None:
         return None
     columns: list[Array] = []
@@ -122,12 +122,12 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
             return None
         columns.append(outputs_at_unit - outputs_at_zero)
     A = np.stack(columns, axis=2)
-    predicted = A.sum(axis=2) * _OTHER_INPUT + outputs_at_zero
-    is_linear = np.allclose(predicted, outputs_at_other, atol=_LINEAR)
+    predicted = A.sum(axis=2) * _LINEARITY_PROBE + outputs_at_zero
+    is_linear = np.allclose(predicted, outputs_at_other, atol=_LINEARITY_ROUNDING)
     if not is_linear or not np.isfinite(A).all():
         return None
     M = np.eye(count) - A
-    if not np.linalg.cond(M).max() < _DETERMINED:
+    if not np.linalg.cond(M).max() < _LARGEST_CONDITION_NUMBER:
         return None
     x = np.linalg.solve(M, outputs_at_zero[..., None])
     return np.asarray(x[..., 0], np.float64)
@@ -147,12 +147,16 @@ def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
     """Return findings on violated invariants; none if the formula agrees."""
-    values = {**formula_values(judge), **solved(judge)}
-    violated = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
-    return [*violated, *_rotations(judge), *_dimensions(judge)]
+    values = {**formula_values(judge), **implicit_outputs(judge)}
+    violated = [
+        *_wrong_distances(judge, model, values),
+        *_wrong_rods(judge, model, values),
+        *_open_loops(judge, model, values),
+    ]
+    return [*violated, *_wrong_rotations(judge), *_wrong_dimensions(judge)]
 
 
-def _parts(judge: Judge, point: str) -> tuple[str, ...]:
+def _symbols_of_point(judge: Judge, point: str) -> tuple[str, ...]:
     """Return the symbols of a named point: one vector, or its coordinates."""
     symbol = judge.formula.points[point]
     if isinstance(symbol, str):
@@ -160,11 +164,11 @@ def _parts(judge: Judge, point: str) -> tuple[str, ...]:
     return tuple(symbol)
 
 
-def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
+def _point_positions(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
     """Return the positions (k, 3) of the named points that have values."""
     positions: dict[str, Array] = {}
     for name in judge.formula.points:
-        parts = _parts(judge, name)
+        parts = _symbols_of_point(judge, name)
         if values.keys() >= set(parts):
             coordinates: list[Array] = []
             for part in parts:
@@ -173,13 +177,13 @@ def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
     return positions
 
 
-def _rigid(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
+def _wrong_distances(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each distance between points of one body that the formula makes different from the CAD."""
-    positions = _points(judge, values)
+    positions = _point_positions(judge, values)
     failing = {place.symbol for place in judge.failing()}
     wrong: set[str] = set()
     for name in positions:
-        if not failing.isdisjoint(_parts(judge, name)):
+        if not failing.isdisjoint(_symbols_of_point(judge, name)):
             wrong.add(name)
     points_of: dict[str, list[str]] = {}
     p_body: dict[str, Array] = {}
@@ -194,10 +198,10 @@ def _rigid(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> 
             true = float(np.linalg.norm(p_body[a] - p_body[b]))
             length = np.linalg.norm(positions[a] - positions[b], axis=1)
             name = f"{a}-{b}"
-            yield from _distance(judge, length, true, name, "invariant.rigid", f"the formula makes {name}", body)
+            yield from _wrong_length(judge, length, true, name, "invariant.rigid", f"the formula makes {name}", body)
 
 
-def _distance(
+def _wrong_length(
     judge: Judge, length: Array, true: float, name: str, code: str, what: str, body: str = ""
 ) -> Iterator[Finding]:
     """Yield a finding if one of the lengths (k,) in m differs from the true one; `body`: on which it is measured."""
@@ -214,7 +218,7 @@ def _distance(
     high = f"{longest / MM:.{digits}f}"
     where = f"on '{body}' " if body else ""
     in_cad = f"{where}in the CAD it is {true / MM:.{digits}f} mm"
-    if longest - shortest <= _CONSTANT * judge.tolerance.length:
+    if longest - shortest <= _CONSTANT_LENGTH_FACTOR * judge.tolerance.length:
         text = f"{what} {low} mm long; {in_cad}"
     else:
         text = f"{what} {low} .. {high} mm long; {in_cad}: a rigid body cannot change its length"
@@ -229,13 +233,13 @@ def _distance(
     )
 
 
-def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
+def _wrong_rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each link whose length would change if the joints had the formula's values."""
     reference = judge.reference
     mechanism = model.mechanism
     wrong: set[str] = set()
     for joint in mechanism.active:
-        if joint.name in values and _moved(judge, joint.name, values[joint.name]):
+        if joint.name in values and _differs_from_mechanism(judge, joint.name, values[joint.name]):
             wrong.add(joint.name)
     if reference.run is None or not wrong:
         return
@@ -268,12 +272,12 @@ def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> I
                 real_end = _centre(opposite_joint, link.name, real_poses)
                 real_length = np.linalg.norm(real_pivot - real_end, axis=1)
                 true = float(np.linalg.norm(real_pivot[0] - real_end[0]))
-                if true < _RIGID or np.ptp(real_length) > _RIGID:
+                if true < _SHORTEST_ROD or np.ptp(real_length) > _SHORTEST_ROD:
                     continue
                 length = np.linalg.norm(pivot - real_end, axis=1)
                 ends = f"from {joint.name} to {opposite_joint.name}"
                 what = f"with {drive} from the formula, '{link.name}' would be, {ends},"
-                yield from _distance(judge, length, true, link.name, "invariant.rod", what)
+                yield from _wrong_length(judge, length, true, link.name, "invariant.rod", what)
 
 
 def _with_values(x: Array, model: ReferenceModel, values: Mapping[str, Value]) -> Array:
@@ -284,7 +288,7 @@ def _with_values(x: Array, model: ReferenceModel, values: Mapping[str, Value]) -
     return states
 
 
-def _moved(judge: Judge, name: str, value: Value) -> bool:
+def _differs_from_mechanism(judge: Judge, name: str, value: Value) -> bool:
     """Return whether the formula's value of a joint differs from the value of this joint in the mechanism."""
     return worst(judge.difference(name, value)) > 1
 
@@ -305,12 +309,12 @@ def _centre(joint: Joint, body: str, poses: Mapping[str, Array]) -> Array:
     return T_world_joint[:, :3, 3]
 
 
-def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
+def _open_loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each loop that opens if wrong joint values of the formula replace those of the mechanism."""
     run = judge.reference.run
     wrong: dict[str, Value] = {}
     for name in model.tree.configuration:
-        if name in values and _moved(judge, name, values[name]):
+        if name in values and _differs_from_mechanism(judge, name, values[name]):
             wrong[name] = values[name]
     if run is None or not wrong or not model.mechanism.loops:
         return
@@ -323,7 +327,7 @@ def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> 
     for loop, gap in zip(run.loop_names, gaps.T, strict=True):
         widest = int(np.argmax(gap))
         if gap[widest] > limit:
-            yield _LOOP(
+            yield _LOOP_OPENS(
                 loop,
                 f"with {', '.join(wrong)} from the formula, the loop at {loop} opens",
                 mm(gap[widest]),
@@ -332,7 +336,7 @@ def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> 
             )
 
 
-def _rotations(judge: Judge) -> Iterator[Finding]:
+def _wrong_rotations(judge: Judge) -> Iterator[Finding]:
     """Yield a finding for each computed pose whose rotation matrix is left-handed or not orthogonal."""
     for step in judge.steps:
         for name, value in outputs(judge, step.equation.name).items():
@@ -343,7 +347,7 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
                 continue
             difference = np.swapaxes(R, 1, 2) @ R - np.eye(3)
             deviation = float(np.abs(difference).max())
-            if deviation > _ORTHOGONAL:
+            if deviation > _ORTHOGONALITY_ROUNDING:
                 what = f"not orthogonal (R^T R - I is {deviation:.2g})"
             elif np.linalg.det(R).min() < 0:
                 what = "left-handed (its determinant is -1)"
@@ -351,7 +355,7 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
                 continue
             where = f"{step.equation.name}.{name}"
             text = f"rotation {name} of {step.equation.name} is {what}"
-            yield disagreement("invariant.rotation", where, text, Quantity(deviation), _ORTHOGONAL, word="")
+            yield disagreement("invariant.rotation", where, text, Quantity(deviation), _ORTHOGONALITY_ROUNDING, word="")
 
 
 def outputs(judge: Judge, equation: str, other_values: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
@@ -362,18 +366,18 @@ def outputs(judge: Judge, equation: str, other_values: Mapping[str, Value] = Map
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
-    scope = {**copied(step.before[0]), **other_values}
+    scope = {**with_copied_values(step.before[0]), **other_values}
     try:
         with np.errstate(all="ignore"):
             for code in step.codes:
                 exec(code, scope)
     except Exception:
         return {}
-    values = returned_values(step, scope[OUT])
+    values = returned_values(step, scope[RETURN_NAME])
     return dict(zip(step.equation.outputs, values, strict=step.plain is not None))
 
 
-def _dimensions(judge: Judge) -> Iterator[Finding]:
+def _wrong_dimensions(judge: Judge) -> Iterator[Finding]:
     """Yield a finding for each wrong row that is dimensionally inconsistent: its error does not scale with lengths."""
     failing = judge.failing()
     if not failing:
@@ -392,11 +396,11 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
         factor = 1.0
         unit = "an angle"
         if kind == "length":
-            factor = _SCALE
+            factor = _LENGTH_FACTOR
             unit = "a length"
         difference = float(np.abs(after - factor * before).max())
-        size = max(float(np.abs(before).max()), _NO_ERROR)
-        if difference / size > _SAME_GROWTH:
+        size = max(float(np.abs(before).max()), _LEAST_DIVISOR)
+        if difference / size > _GROWTH_ROUNDING:
             yield disagreement(
                 "invariant.dimension",
                 f"{place.name}, line {place.line}",
@@ -412,14 +416,14 @@ def _scaled(judge: Judge) -> ReferenceValues:
     symbols = dict(reference.symbols)
     lengths: set[str] = set()
     for parameter in judge.formula.parameters:
-        if parameter.unit in _LENGTHS:
+        if parameter.unit in _LENGTH_UNITS:
             lengths.add(parameter.name)
     for name, value in symbols.items():
         kind = reference.kinds.get(name)
         if kind == "pose":
             T = value.a.copy()
-            T[:, :3, 3] *= _SCALE
+            T[:, :3, 3] *= _LENGTH_FACTOR
             symbols[name] = Matrix(T)
         elif kind == "length" or name in lengths:
-            symbols[name] = value * _SCALE
+            symbols[name] = value * _LENGTH_FACTOR
     return replace(reference, symbols=symbols)

@@ -9,11 +9,11 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-Values = Callable[[ast.expr], Array | None]
+ValuesOfPart = Callable[[ast.expr], Array | None]
 """Returns the values (k,) of a part of an expression; None if it has none."""
 
 
-def inverse(node: ast.expr, child: ast.expr, required: Array, values: Values) -> Array | None:
+def operand_values(node: ast.expr, child: ast.expr, required: Array, values: ValuesOfPart) -> Array | None:
     """Return the values of `child`, an operand of `node`, with which `node` has the values `required` (..., k).
 
     NaN stands where there is no such value. A square has two roots: the one with the sign of the present value is
@@ -29,7 +29,7 @@ def inverse(node: ast.expr, child: ast.expr, required: Array, values: Values) ->
     return None
 
 
-def _of_call(node: ast.Call, child: ast.expr, required: Array, values: Values) -> Array | None:
+def _of_call(node: ast.Call, child: ast.expr, required: Array, values: ValuesOfPart) -> Array | None:
     """Return the values of the argument of a root or of an arc function, or of one argument of atan2."""
     name = ast.unparse(node.func).rpartition(".")[2]
     if name in ("atan2", "arctan2") and len(node.args) == 2 and child in node.args:
@@ -45,7 +45,7 @@ def _of_call(node: ast.Call, child: ast.expr, required: Array, values: Values) -
     return None
 
 
-def _of_direction(node: ast.Call, child: ast.expr, required: Array, values: Values) -> Array | None:
+def _of_direction(node: ast.Call, child: ast.expr, required: Array, values: ValuesOfPart) -> Array | None:
     """Return the values of one argument of atan2; the other one determines the length of the vector, with its sign."""
     y, x = node.args
     if child is y:  # y = x tan(angle)
@@ -62,7 +62,7 @@ def _of_direction(node: ast.Call, child: ast.expr, required: Array, values: Valu
     return np.where(other_argument * along > 0, other_argument * across / along, np.nan)
 
 
-def _of_operation(node: ast.BinOp, child: ast.expr, required: Array, values: Values) -> Array | None:
+def _of_operation(node: ast.BinOp, child: ast.expr, required: Array, values: ValuesOfPart) -> Array | None:
     """Return the values of one operand of a sum, a product or a quotient, or of the base of a square."""
     is_left = child is node.left
     if isinstance(node.op, ast.Pow):

@@ -26,22 +26,22 @@ _QUARTER_TURNS = (np.pi / 2, -np.pi / 2, np.pi)
 _MOST_OFFSETS = 3
 """Maximum number of angles with an offset."""
 
-_TRIALS = 400
+_MOST_TRIALS = 400
 """Maximum number of choices of offsets that are tried: each is an evaluation of the forward equations."""
 
-_UNIQUE = 1e3
-"""Factor by which the second smallest mean squared residual must exceed `_ALIKE`, so that the rotations are unique."""
+_UNIQUENESS_FACTOR = 1e3
+"""The rotations are unique if the second smallest mean squared residual is so many times `_AGREEING_SQUARE`."""
 
 _SLIDE_STEP = 0.1
 """Change of a sliding joint in m, with which the direction is computed in which it moves the tool."""
 
-_NO_SHIFT = 1e-9
+_LEAST_SHOWN_SHIFT = 1e-9
 """Shift of base or tool in m that is not told: it is rounding."""
 
-_AXIS_DEVIATION = 1e-6
+_AXIS_ROUNDING = 1e-6
 """Difference from 1 up to which an entry of a rotation makes an axis one of the other frame."""
 
-_ALIKE = 1e-9
+_AGREEING_SQUARE = 1e-9
 """Mean squared rotation residual below which the rotations agree."""
 
 
@@ -51,13 +51,13 @@ def offsets(judge: Judge) -> Iterator[Convention]:
         step = judge.step(place.equation)
         if step.stage != "forward" or judge.reference.kinds[place.symbol] != "pose":
             continue
-        fit = _search(judge, place)
+        fit = _first_agreeing_offsets(judge, place)
         if fit is not None:
             text, after = fit
             yield Convention("offset", f"{place.symbol} of {place.equation} {text}", (place.name,), after)
 
 
-def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
+def _first_agreeing_offsets(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
     joints = [joint for joint in judge.formula.joints if joint.name in judge.reference.symbols]
     angles: list[str] = []
@@ -69,7 +69,7 @@ def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
         elif joint.kind == "revolute" and is_inner:
             angles.append(joint.name)
     true = judge.reference.symbols[place.symbol].a
-    for turns in islice(_turned(angles), _TRIALS):
+    for turns in islice(_quarter_turns(angles), _MOST_TRIALS):
         T = _pose_with_offsets(judge, place, turns)
         if T is None:
             return None
@@ -83,7 +83,7 @@ def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     return None
 
 
-def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
+def _quarter_turns(angles: Sequence[str]) -> Iterator[dict[str, float]]:
     """Yield offsets in rad by name: quarter turns of no angle, of each angle, and of several angles."""
     for count in range(_MOST_OFFSETS + 1):
         for chosen in combinations(angles, count):
@@ -126,7 +126,7 @@ def _end_rotations(R_formula: Array, R_mechanism: Array) -> tuple[Array, Array] 
     A = np.stack(blocks)
     mean_squares = np.einsum("kij,kil->jl", A, A) / len(A)
     squares, V = np.linalg.eigh(mean_squares)  # the smallest first
-    if squares[0] > _ALIKE or squares[1] < _UNIQUE * _ALIKE:
+    if squares[0] > _AGREEING_SQUARE or squares[1] < _UNIQUENESS_FACTOR * _AGREEING_SQUARE:
         return None
     base_T = V[:9, 0].reshape(3, 3)
     tool = V[9:, 0].reshape(3, 3)
@@ -167,39 +167,41 @@ def _fitted_positions(
             if abs(shift) > judge.tolerance.length:
                 shifts[name] = shift
         if after <= 1 and (turns or shifts):
-            return _text(turns, shifts, base, tool, x[len(slides) :]), after
+            return _offsets_text(turns, shifts, base, tool, x[len(slides) :]), after
     return None
 
 
-def _text(turns: dict[str, float], shifts: dict[str, float], base: Array, tool: Array, end_shifts: Array) -> str:
+def _offsets_text(
+    turns: dict[str, float], shifts: dict[str, float], base: Array, tool: Array, end_shifts: Array
+) -> str:
     """Return the offsets of joints, and rotations and shifts of base and tool, as text.
 
     `end_shifts` are the shifts of tool and base in m, three numbers each; none without them.
     """
     offsets: list[str] = []
     for name, turn in turns.items():
-        offsets.append(f"{name} {_sign(turn)} {abs(np.degrees(turn)):g}°")
+        offsets.append(f"{name} {_sign_text(turn)} {abs(np.degrees(turn)):g}°")
     for name, shift in shifts.items():
-        offsets.append(f"{name} {_sign(shift)} {abs(shift) / MM:.6g} mm")
+        offsets.append(f"{name} {_sign_text(shift)} {abs(shift) / MM:.6g} mm")
     text = f"agrees with the mechanism's pose with {', '.join(offsets)}"
     if not np.allclose(base, np.eye(3)):
         text += f"; base axes {axes_text(base)}"
     if not np.allclose(tool, np.eye(3)):
         text += f"; tool axes {axes_text(tool.T)}"
     for end, p in zip(("tool", "base"), end_shifts.reshape(-1, 3), strict=False):
-        if np.abs(p).max() > _NO_SHIFT:
+        if np.abs(p).max() > _LEAST_SHOWN_SHIFT:
             x, y, z = p / MM
             text += f"; {end} moved by ({x:.6g}, {y:.6g}, {z:.6g}) mm"
     return text
 
 
-def _sign(x: float) -> str:
+def _sign_text(x: float) -> str:
     return "-" if x < 0 else "+"
 
 
 def axes_text(R: Array) -> str:
     """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
-    if np.abs(np.abs(R).max(axis=1) - 1).max() < _AXIS_DEVIATION:
+    if np.abs(np.abs(R).max(axis=1) - 1).max() < _AXIS_ROUNDING:
         parts: list[str] = []
         for axis, row in zip("xyz", R, strict=True):
             i = int(np.argmax(np.abs(row)))

@@ -25,27 +25,27 @@ from twin.validation.residual_rows import Tolerances
 SAMPLES = 24
 """Number of poses at which a formula is judged."""
 
-_SPREAD = 0.06
+_BOX_PART_OF_RANGE = 0.06
 """Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
 
-_POSTURES = 4
+_MOST_POSTURES = 4
 """Maximum number of postures around which the mechanism is sampled: the first ones in the description."""
 
-_FEWEST = 6
+_FEWEST_STATES = 6
 """Minimum number of states with which a formula is judged, if the mechanism hardly moves."""
 
-_SHRINKING = (1.0, 0.5, 0.2, 0.05)
+_BOX_FACTORS = (1.0, 0.5, 0.2, 0.05)
 """Parts of the box in which states are drawn one after the other, until there are enough that can be assembled."""
 
-_TURN_RANGE = 0.5
-_SLIDE_RANGE = 0.1
+_ASSUMED_TURN = 0.5
+_ASSUMED_SLIDE = 0.1
 """Half ranges in rad and m that are assumed of joints without limits."""
 
-_MOST_TURN = 0.3
-_MOST_SLIDE = 0.02
+_WIDEST_TURN = 0.3
+_WIDEST_SLIDE = 0.02
 """Maximum half widths in rad and m of the box, for joints with a long range."""
 
-_REGULAR = 0.1
+_LEAST_CONDITIONING_RATIO = 0.1
 """A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""
 
 
@@ -56,37 +56,37 @@ def sample_states(
     progress: StepProgress = silent_step,
     regular: bool = False,
 ) -> SolvedSamples:
-    """Return states of the mechanism around its first `_POSTURES` postures (without postures: around the rest poses).
+    """Return states of the mechanism around its first postures; without postures: around the rest poses.
 
     With `regular`, postures near a singularity, where several assembly modes meet, are skipped. The result has fewer
-    than `samples` states, but at least `_FEWEST`, if the mechanism can take few of the drawn ones.
+    than `samples` states, but at least `_FEWEST_STATES`, if the mechanism can take few of the drawn ones.
 
     Raises:
-        TwinError: the mechanism can take fewer than `_FEWEST` of the drawn states.
+        TwinError: the mechanism can take fewer than `_FEWEST_STATES` of the drawn states.
     """
     mechanism = model.mechanism
     rng = np.random.default_rng(seed)
-    low, high, half = _box(mechanism.active)
-    starts = _starts(model, regular)
+    low, high, half = _sampled_box(mechanism.active)
+    starts = _start_states(model, regular)
     states: list[Array] = []
-    for shrink in _SHRINKING:
+    for shrink in _BOX_FACTORS:
         for i, start in enumerate(starts):
             # The starts that are left share the samples that are missing.
             missing_count = (samples - len(states)) // (len(starts) - i)
             box = shrink * half
             q = start.q + box * rng.uniform(-1, 1, (missing_count, len(half)))
-            states += _solved(model, np.clip(q, low, high), start)
+            states += _solved_states(model, np.clip(q, low, high), start)
             progress(len(states) / samples)
         if len(states) >= samples:
             break
-    if len(states) < _FEWEST:
+    if len(states) < _FEWEST_STATES:
         raise TwinError(
             f"{mechanism.name}: the mechanism hardly moves near its postures, so there are no poses for the check"
         )
     return model.collect(np.array(states))
 
 
-def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
+def _sampled_box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
     """Return (lower limits, upper limits, half widths of the sampled box), each (n,), in m and rad.
 
     Limits may be infinite; the half widths are finite.
@@ -94,23 +94,23 @@ def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
     ranges: list[tuple[float, float]] = []
     most: list[float] = []
     for joint in joints:
-        assumed = _SLIDE_RANGE
-        longest = _MOST_SLIDE
+        assumed = _ASSUMED_SLIDE
+        longest = _WIDEST_SLIDE
         if joint.is_angle:
-            assumed = _TURN_RANGE
-            longest = _MOST_TURN
+            assumed = _ASSUMED_TURN
+            longest = _WIDEST_TURN
         ranges.append(joint.limits or (-assumed, assumed))
         most.append(longest)
     limits = np.array(ranges)
-    half = np.minimum(_SPREAD * np.ptp(limits, axis=1), most)
+    half = np.minimum(_BOX_PART_OF_RANGE * np.ptp(limits, axis=1), most)
     return limits[:, 0], limits[:, 1], half
 
 
-def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
+def _start_states(model: ReferenceModel, regular: bool) -> list[Assembly]:
     """Return the states around which the mechanism is sampled."""
     mechanism = model.mechanism
     starts: list[Assembly] = []
-    for name in list(mechanism.postures)[:_POSTURES]:
+    for name in list(mechanism.postures)[:_MOST_POSTURES]:
         with contextlib.suppress(AssemblyError):
             starts.append(model.solve(np.asarray(mechanism.posture(name), float)))
     if not starts:
@@ -121,12 +121,12 @@ def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
     values = conditioning(model, np.array(states), LENGTH_SCALE).stands
     regular_starts: list[Assembly] = []
     for start, value in zip(starts, values, strict=True):
-        if value >= _REGULAR * values.max():
+        if value >= _LEAST_CONDITIONING_RATIO * values.max():
             regular_starts.append(start)
     return regular_starts
 
 
-def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
+def _solved_states(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
     """Return the reachable states at joint values q (k, n), solved together or, if that fails, one by one."""
     if not len(q):
         return []
@@ -140,7 +140,7 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
         return states
 
 
-_MOST_OF_EACH = 12
+_MOST_STATES_OF_EACH = 12
 """Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
 
 
@@ -217,9 +217,9 @@ def judge_over_range(
     if not len(wrong):
         return None
     # The wrong states are spread over the range; with as many right ones, an edit must also keep what is right.
-    stride = max(1, len(wrong) // _MOST_OF_EACH)
-    spread = wrong[::stride][:_MOST_OF_EACH]
-    chosen = np.concatenate([spread, right[:_MOST_OF_EACH]])
+    stride = max(1, len(wrong) // _MOST_STATES_OF_EACH)
+    spread = wrong[::stride][:_MOST_STATES_OF_EACH]
+    chosen = np.concatenate([spread, right[:_MOST_STATES_OF_EACH]])
     run = model.collect(errors.drawn.run.x[chosen])
     judge = Judge(formula, variants, symbol_values(formula, run, model, parameters), tolerance)
     if not judge.failing():

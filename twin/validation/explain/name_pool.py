@@ -29,7 +29,7 @@ class NamePool:
     unknown: frozenset[str]
 
 
-def pool(
+def name_pool(
     source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
 ) -> NamePool:
     """Return the names that a statement could use: known symbols, earlier local variables, and aliases.
@@ -72,7 +72,7 @@ def _aliases(source: Source, statement: Statement) -> dict[str, str]:
     for earlier in source.statements[: statement.index]:
         if earlier.home is not statement.home:
             continue
-        for name, call in _assigned(earlier.node):
+        for name, call in _assigned_value(earlier.node):
             if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name):
                 continue
             function = call.func.id
@@ -90,7 +90,7 @@ def _aliases(source: Source, statement: Statement) -> dict[str, str]:
     return aliases
 
 
-def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
+def _assigned_value(node: ast.stmt) -> list[tuple[str, ast.expr]]:
     """Return (name, value) of each name that an assignment sets; `a, b = x, y` sets two."""
     if not isinstance(node, ast.Assign):
         return []

@@ -19,17 +19,17 @@ from twin.reference.newton import minimise
 from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.row_deviations import Judge, Residuals
 
-_DRAWS = 12
+_DRAWN_MECHANISMS = 12
 """Number of mechanisms with further random errors."""
 
 _SEED = 1
 """Seed of these errors: the same rows are explained by noise in every run."""
 
-_SIGMA = 5.0
+_LIMIT_IN_SIGMAS = 5.0
 """Differences up to so many standard deviations are explained by noise."""
 
 
-def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None) -> dict[str, Array]:
+def noise_limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None) -> dict[str, Array]:
     """Return the largest differences (k, 1) that noise of the CAD explains, by symbol, in units of the tolerance.
 
     `judge` has states of the mechanism of `cad`. At a state where a symbol has no value with some of the further errors
@@ -37,8 +37,8 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
     """
     rng = np.random.default_rng(_SEED)
     draws: list[Residuals] = []
-    for _ in range(_DRAWS):
-        draws.append(_residuals(noise, cad, judge, parameters, rng))
+    for _ in range(_DRAWN_MECHANISMS):
+        draws.append(_residuals_with_errors(noise, cad, judge, parameters, rng))
     largest: dict[str, Array] = {}
     for place, residual in judge.residuals.items():
         changes: list[Array] = []
@@ -52,12 +52,12 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
         # Entries of one value have similar errors; the largest of them is the most certain estimate.
         sigma = sigma_of_entries.max(axis=1, keepdims=True)
         known_sigma = np.where(np.isnan(sigma), np.inf, sigma)
-        limit = np.maximum(1.0, _SIGMA * known_sigma)
+        limit = np.maximum(1.0, _LIMIT_IN_SIGMAS * known_sigma)
         largest[place.symbol] = np.maximum(limit, largest.get(place.symbol, 1.0))
     return largest
 
 
-def _residuals(
+def _residuals_with_errors(
     noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None, rng: np.random.Generator
 ) -> Residuals:
     """Return the residuals at the driven joint values of `judge`, for a mechanism with further errors."""

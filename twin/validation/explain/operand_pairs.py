@@ -18,22 +18,22 @@ from twin.formula.scalar import Value
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site, expression_code
-from twin.validation.explain.function_source import OUT, Edit, Source, Statement, apply
-from twin.validation.explain.plain_values import copied
+from twin.validation.explain.function_source import RETURN_NAME, Edit, Source, Statement, text_after_edits
+from twin.validation.explain.plain_values import with_copied_values
 from twin.validation.explain.rebuilt_functions import Matrix
 
 _MOST_PAIRS = 100_000
 """Maximum number of pairs in one evaluation."""
 
-_HOLES = ("_first_operand_", "_second_operand_")
+_OPERAND_NAMES = ("_first_operand_", "_second_operand_")
 """Names that stand for the operands."""
 
 Scope = dict[str, Value]
 
-_Group = tuple[list[tuple[Edit, ...]], list[Value]]
+_OperandValues = tuple[list[tuple[Edit, ...]], list[Value]]
 """Edits of an operand after which its values have the same form, and these values."""
 
-Evaluated = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[RowKey, Array]]
+EvaluatedPairs = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[RowKey, Array]]
 """Edits of a second place, edits of a first one, and the residuals (pairs, entries) of rows.
 
 All edits of the first place come with the first edit of the second one, then with the next one.
@@ -50,7 +50,7 @@ class ResidualsAfter(Protocol):
 
 def operand_pairs(
     site: Site, edits: Sequence[Edit], scope: Scope, residuals_after: ResidualsAfter, end: Deadline
-) -> Iterator[Evaluated]:
+) -> Iterator[EvaluatedPairs]:
     """Yield the residuals after pairs of edits of a statement; `scope` has the values before it, at one pose."""
     source = site.source
     edits_within: dict[ast.AST, list[Edit]] = {}
@@ -58,11 +58,11 @@ def operand_pairs(
         if isinstance(node, ast.expr):
             span = source.span(node)
             edits_within[node] = [edit for edit in edits if edit.is_within(span)]
-    groups_of_operand: dict[ast.AST, list[_Group]] = {}
+    groups_of_operand: dict[ast.AST, list[_OperandValues]] = {}
 
-    def groups(operand: ast.AST) -> list[_Group]:
+    def groups(operand: ast.AST) -> list[_OperandValues]:
         if operand not in groups_of_operand:  # an operand is in several pairs
-            groups_of_operand[operand] = list(_groups(source, operand, edits_within[operand], scope, end))
+            groups_of_operand[operand] = list(_operand_values(source, operand, edits_within[operand], scope, end))
         return groups_of_operand[operand]
 
     for node in [site.statement.node, *site.parents]:
@@ -70,20 +70,22 @@ def operand_pairs(
         for first, second in combinations(operands, 2):
             for firsts in groups(first):
                 for seconds in groups(second):
-                    yield from _of_groups(site, (first, second), firsts, seconds, scope, residuals_after, end)
+                    yield from _residuals_of_groups(site, (first, second), firsts, seconds, scope, residuals_after, end)
             if end.passed:
                 return
         if not isinstance(node, ast.expr | ast.stmt):  # the clause `for` of a comprehension: it has no sign of its own
             continue
         for operand in operands:
-            for edit in _beside(source, node, operand, operands, edits):
+            for edit in _edits_beside_operand(source, node, operand, operands, edits):
                 for firsts in groups(operand):
-                    yield from _of_groups(site, (operand,), firsts, ([(edit,)], [None]), scope, residuals_after, end)
+                    yield from _residuals_of_groups(
+                        site, (operand,), firsts, ([(edit,)], [None]), scope, residuals_after, end
+                    )
                 if end.passed:
                     return
 
 
-def _beside(
+def _edits_beside_operand(
     source: Source, node: ast.AST, operand: ast.AST, operands: Sequence[ast.AST], edits: Sequence[Edit]
 ) -> Iterator[Edit]:
     """Yield the edits of an operation itself, such as that of a sign, that do not touch one of its operands."""
@@ -100,21 +102,23 @@ def _beside(
             yield edit
 
 
-def _groups(source: Source, operand: ast.AST, edits: Sequence[Edit], scope: Scope, end: Deadline) -> Iterator[_Group]:
+def _operand_values(
+    source: Source, operand: ast.AST, edits: Sequence[Edit], scope: Scope, end: Deadline
+) -> Iterator[_OperandValues]:
     """Yield the edits of an operand with its values, those of the same form together."""
-    by_form: dict[Value, _Group] = {}
+    by_form: dict[Value, _OperandValues] = {}
     first, last = source.span(operand)
     for edit in edits:
         if end.passed:
             return
-        code = expression_code(apply(source.data, [edit], first, last))
+        code = expression_code(text_after_edits(source.data, [edit], first, last))
         if code is None:
             continue
         try:
             value = eval(code, dict(scope))
         except Exception:  # an edit may be any invalid text
             continue
-        form_of_value = form(value, 1)
+        form_of_value = value_form(value, 1)
         if form_of_value is not None:
             edits_of_form, values = by_form.setdefault(form_of_value, ([], []))
             edits_of_form.append((edit,))
@@ -122,19 +126,19 @@ def _groups(source: Source, operand: ast.AST, edits: Sequence[Edit], scope: Scop
     yield from by_form.values()
 
 
-def _of_groups(
+def _residuals_of_groups(
     site: Site,
     operands: tuple[ast.AST, ...],
-    firsts: _Group,
-    seconds: _Group,
+    firsts: _OperandValues,
+    seconds: _OperandValues,
     scope: Scope,
     residuals_after: ResidualsAfter,
     end: Deadline,
-) -> Iterator[Evaluated]:
+) -> Iterator[EvaluatedPairs]:
     """Yield the residuals after pairs of edits of two operands, or of one operand and of the operation itself."""
     source = site.source
     changed = []
-    for operand, name in zip(operands, _HOLES, strict=False):
+    for operand, name in zip(operands, _OPERAND_NAMES, strict=False):
         changed.append(source.edit_of(site.statement, source.span(operand), name, "required"))
     if len(operands) == 1:
         changed += seconds[0][0]
@@ -151,14 +155,14 @@ def _of_groups(
             return
         part = edits_of_second[begin : begin + most]
         size = count * len(part)
-        own_scope = copied(scope)
-        own_scope[_HOLES[0]] = tiled(stacked(values_of_first, 1), count, len(part))
+        own_scope = with_copied_values(scope)
+        own_scope[_OPERAND_NAMES[0]] = tiled(stacked(values_of_first, 1), count, len(part))
         if len(operands) == 2:
-            own_scope[_HOLES[1]] = stacked(values_of_second[begin : begin + most], count)
-        names = (OUT,) if site.statement.returns else site.statement.writes
+            own_scope[_OPERAND_NAMES[1]] = stacked(values_of_second[begin : begin + most], count)
+        names = (RETURN_NAME,) if site.statement.returns else site.statement.writes
         try:
             exec(code, own_scope)
-            forms = [form(own_scope[name], size) for name in names]
+            forms = [value_form(own_scope[name], size) for name in names]
         except Exception:  # operands of forms that do not fit
             return
         if None in forms:
@@ -168,14 +172,14 @@ def _of_groups(
             yield part, edits_of_first, deviations
 
 
-def form(value: Value, size: int) -> Value:
+def value_form(value: Value, size: int) -> Value:
     """Return what values must have in common to be one array; None for values that cannot be part of one."""
     if isinstance(value, Matrix):
         return value.shape if len(value.a) in (1, size) else None
     if isinstance(value, list | tuple):
         forms: list[Value] = []
         for entry in value:
-            forms.append(form(entry, size))
+            forms.append(value_form(entry, size))
         if None in forms:
             return None
         return type(value), tuple(forms)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.validation.explain.batched_solutions import Batch
-from twin.validation.explain.candidate import FORMS, TOKENS, Candidate
+from twin.validation.explain.candidate import FORM_KINDS, TOKEN_KINDS, Candidate
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
@@ -122,7 +122,7 @@ class PairSearch:
             if row in candidate.scores and edit.define is None:
                 firsts.append(edit)
         # Edits with few replacements at each position come first.
-        firsts.sort(key=lambda edit: (edit.kind not in FORMS, edit.kind not in TOKENS))
+        firsts.sort(key=lambda edit: (edit.kind not in FORM_KINDS, edit.kind not in TOKEN_KINDS))
         split_firsts: dict[int, tuple[list[Edit], list[Edit]]] = {}  # it takes long, and two stages need it
 
         def outside_and_inside(search: RequiredPairs) -> tuple[list[Edit], list[Edit]]:

@@ -25,36 +25,36 @@ _SAME_VALUE = 1e-9
 _SAME_POSE = 1e-7
 """Largest difference of two equal poses, in m or as an entry of a rotation."""
 
-_STEP = 1e-6
+_DERIVATIVE_STEP = 1e-6
 """Relative difference for derivatives with respect to derived parameters."""
 
 _SMALLEST_SCALE = 1e-3
 """Smallest size in m or rad of a derived parameter, for that difference."""
 
-_NEWTON = 5
+_MOST_NEWTON_STEPS = 5
 """Number of steps with which derived parameters are fitted."""
 
-_CHANGE = 0.03
+_FIRST_CHANGE = 0.03
 _FURTHER_CHANGE = 0.017
 """Relative change of the first parameter of a group, and how much more each further one is changed, so that they are no
 longer equal."""
 
-_ANGLE_CHANGE = 4
+_ANGLE_CHANGE_FACTOR = 4
 """Factor of these changes for angles, in rad."""
 
-_LEAST_POSES = 0.5
+_LEAST_SHARE_OF_POSES = 0.5
 """Part of the poses at which equations must have values with other parameters."""
 
-_CHANGE_OF_ZERO = 0.3
+_LENGTH_FOR_ZERO = 0.3
 """Length in m by parts of which a length of zero is changed."""
 
-_NEARER = 1e-3
+_NEAR_CHANGE_FACTOR = 1e-3
 """Part of the usual change, with which right equations have values at the same poses as before."""
 
-_ANGLES = ("deg", "rad")
+_ANGLE_UNITS = ("deg", "rad")
 
 
-def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
+def parameter_groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     """Return the groups of equal parameters, and each assumed parameter; without values derived from others."""
     stated = [parameter for parameter in formula.parameters if parameter.provenance != "DERIVED"]
     all_groups: list[tuple[Parameter, ...]] = []
@@ -82,7 +82,7 @@ def _is_equal(parameter: Parameter, candidate: Parameter) -> bool:
 
 
 def condition(group: Sequence[Parameter]) -> str:
-    """Return the condition on a group of `groups` under which equations belong together: "because a = b"."""
+    """Return the condition on a group of `parameter_groups` under which equations belong together: "because a = b"."""
     if len(group) > 1:
         names = [parameter.name for parameter in group]
         return f"because {' = '.join(names)}"
@@ -90,79 +90,79 @@ def condition(group: Sequence[Parameter]) -> str:
     return f"for {parameter.name} = {parameter.shown:g} {parameter.unit}"
 
 
-def changed(parameters: Sequence[Parameter], values: Mapping[str, float], part: float = 1.0) -> dict[str, float]:
+def changed_values(parameters: Sequence[Parameter], values: Mapping[str, float], part: float = 1.0) -> dict[str, float]:
     """Return other values in SI of the given parameters, each changed by `part` of another amount."""
     other_values: dict[str, float] = {}
     for i, parameter in enumerate(parameters):
         name = parameter.name
-        amount = part * (_CHANGE + _FURTHER_CHANGE * i)
+        amount = part * (_FIRST_CHANGE + _FURTHER_CHANGE * i)
         value = values[name]
-        if parameter.unit in _ANGLES:
-            other_values[name] = value + _ANGLE_CHANGE * amount
+        if parameter.unit in _ANGLE_UNITS:
+            other_values[name] = value + _ANGLE_CHANGE_FACTOR * amount
         elif value == 0:
-            other_values[name] = amount * _CHANGE_OF_ZERO
+            other_values[name] = amount * _LENGTH_FOR_ZERO
         else:
             other_values[name] = value * (1 + amount)
     return other_values
 
 
-def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
+def returns_to_pose(judge: Judge, values: Mapping[str, float]) -> bool | None:
     """Return whether forward, inverse and forward equations give one pose; None if they cannot be evaluated.
 
     Args:
         judge: gives the equations, and the joint values at which they are evaluated.
         values: parameters in SI that differ from those of `judge`.
     """
-    differences = _differences(judge, values)
+    differences = _pose_differences(judge, values)
     if differences is None:
         return None
     has_value = np.isfinite(differences).all(axis=1)
-    if np.mean(has_value) < _LEAST_POSES:
+    if np.mean(has_value) < _LEAST_SHARE_OF_POSES:
         return None
     return bool(np.abs(differences[has_value]).max() <= _SAME_POSE)
 
 
 def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
     """Return the groups of parameters only for whose values inverse and forward equations belong together."""
-    values = _values(judge)
-    if closes(judge, {}) is not True:
+    values = _judged_values(judge)
+    if returns_to_pose(judge, {}) is not True:
         return []
     derived: list[str] = []
     for parameter in judge.formula.parameters:
         if parameter.provenance == "DERIVED":
             derived.append(parameter.name)
     coinciding: list[tuple[Parameter, ...]] = []
-    for group in groups(judge.formula):
-        other_values = changed(group, values)
-        closed = closes(judge, other_values)
+    for group in parameter_groups(judge.formula):
+        other_values = changed_values(group, values)
+        closed = returns_to_pose(judge, other_values)
         if closed is None:  # most poses may be out of reach with these values, but not with values that are near
-            other_values = changed(group, values, _NEARER)
-            closed = closes(judge, other_values)
+            other_values = changed_values(group, values, _NEAR_CHANGE_FACTOR)
+            closed = returns_to_pose(judge, other_values)
         if closed:
             continue
         # An inverse that has no values near those of the mechanism does not belong to the forward equations there.
-        if not derived or not _closes_with(judge, other_values, derived):
+        if not derived or not _returns_with_derived(judge, other_values, derived):
             coinciding.append(group)
     return coinciding
 
 
-def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[str]) -> bool:
+def _returns_with_derived(judge: Judge, values: Mapping[str, float], derived: Sequence[str]) -> bool:
     """Return whether the equations give one pose with other values of derived parameters.
 
     A parameter that is derived from a varied one has another value as well, but no formula is known for it.
     """
-    present_values = _values(judge)
+    present_values = _judged_values(judge)
     start = [present_values[name] for name in derived]
     x = np.array(start)
-    steps = np.maximum(np.abs(x), _SMALLEST_SCALE) * _STEP
-    for _ in range(_NEWTON):
+    steps = np.maximum(np.abs(x), _SMALLEST_SCALE) * _DERIVATIVE_STEP
+    for _ in range(_MOST_NEWTON_STEPS):
         parameters = {**values, **dict(zip(derived, x, strict=True))}
-        differences = _differences(judge, parameters)
+        differences = _pose_differences(judge, parameters)
         if differences is None:
             return False
         slopes: list[Array] = []
         for i, name in enumerate(derived):
-            differences_ahead = _differences(judge, {**parameters, name: x[i] + steps[i]})
+            differences_ahead = _pose_differences(judge, {**parameters, name: x[i] + steps[i]})
             if differences_ahead is None:
                 return False
             slope = (differences_ahead - differences) / steps[i]
@@ -174,12 +174,12 @@ def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[st
             return False
         step, *_ = np.linalg.lstsq(J[has_value], r[has_value], rcond=None)
         x = x - step
-        if closes(judge, {**values, **dict(zip(derived, x, strict=True))}):
+        if returns_to_pose(judge, {**values, **dict(zip(derived, x, strict=True))}):
             return True
     return False
 
 
-def _values(judge: Judge) -> dict[str, float]:
+def _judged_values(judge: Judge) -> dict[str, float]:
     """Return the parameters in SI with which the equations are judged."""
     values: dict[str, float] = {}
     for parameter in judge.formula.parameters:
@@ -187,43 +187,43 @@ def _values(judge: Judge) -> dict[str, float]:
     return values
 
 
-def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
+def _pose_differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
     """Return the second pose minus the first of forward, inverse and forward equations, (k, 16)."""
     formula = judge.formula
     if not (formula.has("forward") and formula.has("inverse")):
         return None
     reference = judge.reference
-    parameters = _values(judge) | dict(values)
+    parameters = _judged_values(judge) | dict(values)
     joints: dict[str, Value] = {}
     for joint in formula.joints:
         if joint.name in reference.symbols:
             joints[joint.name] = reference.symbols[joint.name]
     with np.errstate(all="ignore"):
-        pose = _pose(judge, {**parameters, **joints})
+        pose = _forward_poses(judge, {**parameters, **joints})
         if pose is None or not np.isfinite(pose).any():
             return None
         coordinates = Rebuilder().function(formula.coordinates.from_pose)(Matrix(pose))
         symbols = {**parameters, POSE_SYMBOL: Matrix(pose)}
         symbols |= dict(zip(formula.coordinates.names, coordinates, strict=True))
-        inverse = _outputs(judge, symbols, "inverse")
+        inverse = _stage_outputs(judge, symbols, "inverse")
         if not inverse.keys() >= joints.keys():
             return None
         joints_of_inverse = {name: inverse[name] for name in joints}
-        second_pose = _pose(judge, {**parameters, **joints_of_inverse})
+        second_pose = _forward_poses(judge, {**parameters, **joints_of_inverse})
     if second_pose is None or second_pose.shape != pose.shape:
         return None
     return (second_pose - pose).reshape(len(pose), -1)
 
 
-def _pose(judge: Judge, symbols: dict[str, object]) -> Array | None:
+def _forward_poses(judge: Judge, symbols: dict[str, object]) -> Array | None:
     """Return the poses (k, 4, 4) of the forward equations for values of symbols; None without poses."""
-    pose = _outputs(judge, symbols, "forward").get(POSE_SYMBOL)
+    pose = _stage_outputs(judge, symbols, "forward").get(POSE_SYMBOL)
     if not isinstance(pose, Matrix) or pose.shape != (4, 4):
         return None
     return np.broadcast_to(pose.a, (judge.reference.k, 4, 4))
 
 
-def _outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, object]:
+def _stage_outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, object]:
     """Return the outputs of the equations of one stage."""
     reference = ReferenceValues(
         symbols, {}, judge.reference.k, judge.reference.Ts, None, judge.reference.coordinates, {}

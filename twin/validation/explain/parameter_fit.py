@@ -12,35 +12,35 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowPlace
 from twin.validation.explain.row_deviations import Judge, worst
 
-BLIND = 1e-7
+BLIND_SINGULAR_RATIO = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
 
-_STEPS = 30
+_MOST_STEPS = 30
 """Maximum number of steps of a fit."""
 
-_GAIN = 1e-3
-_SLOW_STEPS = 2
-"""A fit ends if so many successive steps reduce the sum of squares by less than the fraction `_GAIN`."""
+_SLOW_GAIN = 1e-3
+_MOST_SLOW_STEPS = 2
+"""A fit ends if so many successive steps reduce the sum of squares by less than the fraction `_SLOW_GAIN`."""
 
-_CONVERGED = 1e-13
+_CONVERGED_STEP = 1e-13
 """A fit ends if a step changes each parameter by less than this fraction of its scale."""
 
-_SHORTEST = 1e-3
+_SHORTEST_STEP_PART = 1e-3
 """A step is halved until the sum of squares does not increase, but not below this fraction of it."""
 
-_DIFFERENCE = 1e-6
+_DERIVATIVE_STEP = 1e-6
 """Change of a parameter, relative to its scale, for derivatives by differences."""
 
 _SMALLEST_SCALE = 0.01
 """Smallest scale of a parameter in m or rad; that of a larger one is its absolute value."""
 
-_PROBE = 1e-4
+_EFFECT_PROBE = 1e-4
 """Change of a parameter, relative to its scale, that shows whether a row depends on it."""
 
 _LEAST_EFFECT = 1e-3
 """Smallest change of a residual, in units of the tolerance, by which a row depends on a parameter."""
 
-_NO_RESIDUAL = 1e-300
+_LEAST_DIVISOR = 1e-300
 """Minimum divisor where a sum of squares may be zero."""
 
 
@@ -132,7 +132,7 @@ class ParameterResiduals:
         for parameter in self.judge.formula.parameters:
             start = self.start[parameter.name]
             scale = max(abs(start), _SMALLEST_SCALE)
-            changed_residual = self.residual({**self.start, parameter.name: start + _PROBE * scale})
+            changed_residual = self.residual({**self.start, parameter.name: start + _EFFECT_PROBE * scale})
             if np.nanmax(np.abs(changed_residual - residual), initial=0.0) > _LEAST_EFFECT:
                 influential.append(parameter)
         return influential
@@ -151,37 +151,37 @@ class ParameterResiduals:
         # The derivatives are by values in units of `scale`, so that lengths and angles count alike in the cut-off.
         J = np.zeros((len(r), len(names)))
         slow_steps = 0
-        for _ in range(_STEPS):
+        for _ in range(_MOST_STEPS):
             for i in range(len(names)):
                 h = np.zeros(len(names))
-                h[i] = _DIFFERENCE * scale[i]
-                J[:, i] = (residual(x + h) - residual(x - h)) / (2 * _DIFFERENCE)
+                h[i] = _DERIVATIVE_STEP * scale[i]
+                J[:, i] = (residual(x + h) - residual(x - h)) / (2 * _DERIVATIVE_STEP)
             if not np.isfinite(J).all():
                 break
-            # With singular values below `BLIND` cut off, what no row depends on has no step.
-            solution, *_ = np.linalg.lstsq(J, -r, rcond=BLIND)
+            # With singular values below `BLIND_SINGULAR_RATIO` cut off, what no row depends on has no step.
+            solution, *_ = np.linalg.lstsq(J, -r, rcond=BLIND_SINGULAR_RATIO)
             step = np.asarray(solution, np.float64) * scale
             factor = 1.0
             shorter = residual(x + step)
-            while not _is_smaller(shorter, r) and factor > _SHORTEST:
+            while not _is_not_larger(shorter, r) and factor > _SHORTEST_STEP_PART:
                 factor /= 2
                 shorter = residual(x + factor * step)
-            if not _is_smaller(shorter, r):
+            if not _is_not_larger(shorter, r):
                 break
-            gain = 1 - float(shorter @ shorter) / max(float(r @ r), _NO_RESIDUAL)
+            gain = 1 - float(shorter @ shorter) / max(float(r @ r), _LEAST_DIVISOR)
             change = float(np.abs(factor * step / scale).max())
             x = x + factor * step
             r = shorter
-            if gain < _GAIN:
+            if gain < _SLOW_GAIN:
                 slow_steps += 1
             else:
                 slow_steps = 0
-            if change < _CONVERGED or slow_steps == _SLOW_STEPS:
+            if change < _CONVERGED_STEP or slow_steps == _MOST_SLOW_STEPS:
                 break
         return ParameterFit(names, x, r, J / scale)
 
 
-def _is_smaller(new: Array, old: Array) -> bool:
+def _is_not_larger(new: Array, old: Array) -> bool:
     """Return whether new residuals are finite and their sum of squares is not larger than that of the old ones."""
     if not np.isfinite(new).all():
         return False

@@ -32,7 +32,7 @@ class SampledScalar(Scalar):
     functions = _numpy_functions()
 
 
-def enter(x: Value) -> Value:
+def as_objects(x: Value) -> Value:
     """Convert a value of the judge to the form that a plain function uses: a number, object or array of objects."""
     if isinstance(x, np.ndarray):
         return SampledScalar(x)
@@ -48,7 +48,7 @@ def enter(x: Value) -> Value:
     return objects
 
 
-def leave(x: Value) -> Value:
+def as_arrays(x: Value) -> Value:
     """Convert a value of a plain function to the form that the judge uses: a number, array (k,) or matrix."""
     if isinstance(x, SampledScalar):
         return np.asarray(x.x, float)
@@ -77,25 +77,25 @@ def scalar_form(scope: Mapping[str, Value]) -> Callable[[Array], Value]:
     return np.asarray
 
 
-def inside(row: PlainRows | None, x: Value) -> Value:
+def to_function_form(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the judge to the form of the plain function `row`; unchanged without `row`."""
     if row is None or row.casadi:
         return x
-    return enter(x)
+    return as_objects(x)
 
 
-def outside(row: PlainRows | None, x: Value) -> Value:
+def from_function_form(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the plain function `row` to the form of the judge; unchanged without `row`."""
     if row is None or row.casadi:
         return x
-    return leave(x)
+    return as_arrays(x)
 
 
 def arguments(row: PlainRows, symbols: Mapping[str, Value]) -> dict[str, Value]:
     """Return the arguments of a plain function, from the values of the symbols."""
     if row.casadi:
         return row.arguments(symbols, lambda x: x, _joint_vector)
-    return row.arguments(symbols, enter, _joint_objects)
+    return row.arguments(symbols, as_objects, _joint_objects)
 
 
 def _joint_vector(*q: Value) -> Matrix:
@@ -106,17 +106,17 @@ def _joint_vector(*q: Value) -> Matrix:
 def _joint_objects(*q: Value) -> Value:
     objects: list[Value] = []
     for values in q:
-        objects.append(enter(values))
+        objects.append(as_objects(values))
     return np.array(objects, dtype=object)
 
 
-def parts(row: PlainRows, value: Value) -> list[Value]:
+def output_values(row: PlainRows, value: Value) -> list[Value]:
     """Split the result of a plain function into one value per output."""
     if row.casadi:
         return row.spread(value, _matrix_entries)
     values: list[Value] = []
     for entry in row.spread(value, entries):
-        values.append(leave(entry))
+        values.append(as_arrays(entry))
     return values
 
 
@@ -126,16 +126,16 @@ def _matrix_entries(x: Value) -> list[Value] | None:
     return [x[i] for i in range(x.numel())]
 
 
-_FILLED = frozenset((list, dict, np.ndarray))
+_CHANGEABLE_TYPES = frozenset((list, dict, np.ndarray))
 """Types of values that a statement may change in place."""
 
 
-def copied(scope: Mapping[str, Value]) -> dict[str, Value]:
+def with_copied_values(scope: Mapping[str, Value]) -> dict[str, Value]:
     """Return a scope with copies of its lists, dicts and object arrays, because statements may change them."""
     copies = dict(scope)
     for name, value in scope.items():
         # Arrays of numbers are never changed in place.
-        is_filled = type(value) in _FILLED and (type(value) is not np.ndarray or value.dtype == object)
+        is_filled = type(value) in _CHANGEABLE_TYPES and (type(value) is not np.ndarray or value.dtype == object)
         if is_filled:
             copies[name] = value.copy()
     return copies

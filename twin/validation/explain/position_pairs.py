@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import TOKENS, Candidate
+from twin.validation.explain.candidate import TOKEN_KINDS, Candidate
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import ByteRange, Edit
@@ -19,13 +19,13 @@ from twin.validation.explain.trials import Trials
 _SHARED_PART = 0.2
 """Maximum part of the remaining time for the pairs with an edit of a repaired group."""
 
-_NEAR = 20.0
+_NEAR_DIFFERENCE = 20.0
 """Difference, in units of the tolerance, up to which two effects add up to a residual."""
 
 _SEED = 3
 """Seed of the direction in which effects are added: every run tries the same pairs."""
 
-_MOST_NEAR = 50
+_MOST_NEAR_EDITS = 50
 """Maximum number of second edits whose effects are as near as this to what a first one leaves."""
 
 
@@ -95,8 +95,8 @@ class PositionPairs:
         target = -float(weights @ before.ravel())
         for first, effect in zip(candidates, effects, strict=True):
             missing = target - effect
-            start, end = np.searchsorted(sorted_effects, [missing - _NEAR, missing + _NEAR])
-            for j in order[start : min(end, start + _MOST_NEAR)]:
+            start, end = np.searchsorted(sorted_effects, [missing - _NEAR_DIFFERENCE, missing + _NEAR_DIFFERENCE])
+            for j in order[start : min(end, start + _MOST_NEAR_EDITS)]:
                 if deadline.passed:
                     return
                 yield first, candidates[j]
@@ -139,7 +139,7 @@ class PositionPairs:
             moving += self.trials.edits_without_value
         edits_of_step: dict[str, tuple[Step, list[Edit]]] = {}
         for step, edit in moving:
-            if edit.kind not in TOKENS or edit.kind == "left side":
+            if edit.kind not in TOKEN_KINDS or edit.kind == "left side":
                 continue
             step_to_try = step
             if (edit.path, edit.function) in called:  # the row itself shows the effect, also if another equation calls

@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.core.progress import Progress
 from twin.reference import ReferenceModel
 from twin.validation.explain.candidate import Candidate, GroupResult
-from twin.validation.explain.conventions import conventions, general
+from twin.validation.explain.conventions import conventions, conventions_of_all_rows
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation_data import Convention, FittedParameters
@@ -24,17 +24,17 @@ from twin.validation.explain.judged_states import sample_states
 from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
-from twin.validation.explain.suspect_statements import shared
+from twin.validation.explain.suspect_statements import have_common_source
 from twin.validation.explain.wrong_parameters import identify
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]
 """Kind of the simplest explanation; "" if there is none."""
 
 _NUMBERS_PART = 0.3
-_LEAST_NUMBERS = 2.5
+_LEAST_NUMBERS_TIME = 2.5
 """Time limit of each of the two fits of numbers: this part of the whole limit, but at least so many seconds."""
 
-_LEAST_EDITS = 4.0
+_LEAST_EDITS_TIME = 4.0
 """Minimum time limit in s of the search for edits: single edits take about as long."""
 
 _HELD_OUT_STATES = 12
@@ -70,8 +70,8 @@ def possible_fixes(
 ) -> PossibleFixes:
     """Search edits, parameter values and conventions with which the wrong rows agree.
 
-    `budget` is the time limit in s; see `_LEAST_NUMBERS` and `_LEAST_EDITS` for short ones. `end_lap` is called with
-    the name of each step at its end.
+    `budget` is the time limit in s; see `_LEAST_NUMBERS_TIME` and `_LEAST_EDITS_TIME` for short ones. `end_lap` is
+    called with the name of each step at its end.
     """
     return _FixSearch(judge, model, budget, progress, end_lap).run()
 
@@ -92,7 +92,7 @@ class _FixSearch:
     def run(self) -> PossibleFixes:
         """Return the simplest fixes that explain the wrong rows; without any, all that fix some of them."""
         identified = self._numbers(alone=True)
-        deadline = Deadline(max(self.budget, _LEAST_EDITS))  # the time of the numbers is not that of the edits
+        deadline = Deadline(max(self.budget, _LEAST_EDITS_TIME))  # the time of the numbers is not that of the edits
         search = RepairSearch(self.judge, lambda fraction: self.progress("try edits", fraction), deadline)
         general_conventions: tuple[Convention, ...] | None = None
         results: list[GroupResult] = []
@@ -103,16 +103,16 @@ class _FixSearch:
             if unrepaired:
                 # A convention of the whole formula is simpler than pairs of edits, and is found in less time.
                 self.progress("conventions", 0.0)
-                general_conventions = tuple(general(self.judge))
+                general_conventions = tuple(conventions_of_all_rows(self.judge))
                 self.end_lap("conventions")
                 if self._all_fixed(general_conventions, search.failing):
                     return self._fixes(search, [], None, general_conventions, "conventions")
                 results, unrepaired = search.pairs(results, unrepaired, self.budget)
-        elif shared(self.judge, search.targets):
+        elif have_common_source(self.judge, search.targets):
             # One changed number explains everything: only a single edit would be equally simple.
             results, unrepaired = search.run(0.0)
         self._note_edits_by_chance(search)
-        results, unrepaired = held_out(self.judge, self.model, results, unrepaired)
+        results, unrepaired = confirmed_at_new_states(self.judge, self.model, results, unrepaired)
         self.end_lap("repair")
         if identified is None and (unrepaired or not results):
             identified = self._numbers()
@@ -145,7 +145,7 @@ class _FixSearch:
     def _numbers(self, alone: bool = False) -> FittedParameters | None:
         """Fit the parameters; None if none explains a row, or if the time was over. `alone`: see `identify`."""
         self.progress("identify parameters", 0.0)
-        until = Deadline(max(_NUMBERS_PART * self.budget, _LEAST_NUMBERS))
+        until = Deadline(max(_NUMBERS_PART * self.budget, _LEAST_NUMBERS_TIME))
         try:
             return identify(
                 self.judge,
@@ -238,7 +238,7 @@ def _count_of_numbers(identified: FittedParameters | None) -> int | None:
     return len(identified.moved)
 
 
-def held_out(
+def confirmed_at_new_states(
     judge: Judge, model: ReferenceModel, results: list[GroupResult], unrepaired: list[RowKey]
 ) -> tuple[list[GroupResult], list[RowKey]]:
     """Return (search results without the repairs that fail at new states, rows for which no repair is left).

@@ -12,7 +12,7 @@ from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.formula_state import edited_formula
 from twin.validation.explain.function_source import Edit
 
-_MOST_PROVED = 6
+_MOST_PROVED_CURES = 6
 """Maximum number of repairs of one group of rows that are proved: each is a proof of the whole formula."""
 
 
@@ -56,7 +56,7 @@ class ProvedResult:
     merged: tuple[bool, ...] = ()
 
 
-def proved(formula: Formula, results: Sequence[GroupResult], prover: RepairProver | None) -> list[ProvedResult]:
+def with_proofs(formula: Formula, results: Sequence[GroupResult], prover: RepairProver | None) -> list[ProvedResult]:
     """Return the results of a search with the verdict on each cure; without a prover, as they are.
 
     A cure is proved together with the first cure of each other group: only a formula without wrong rows is an identity.
@@ -72,12 +72,12 @@ def proved(formula: Formula, results: Sequence[GroupResult], prover: RepairProve
         edits_of_others: list[Edit] = []
         for other_result in results:
             if other_result is not result and other_result.cures:
-                edits_of_others += _edits(other_result.cures[0])
+                edits_of_others += _provable_edits(other_result.cures[0])
         proved_results.append(proofs.of(result, edits_of_others))
     return proved_results
 
 
-def _edits(cure: Sequence[Candidate]) -> list[Edit]:
+def _provable_edits(cure: Sequence[Candidate]) -> list[Edit]:
     """Return the edits of the first reading that keeps all left sides; of the first one if none does."""
     for reading in cure:
         kinds = [edit.kind for edit in reading.edits]
@@ -103,12 +103,12 @@ class _Proofs:
         with ExitStack() as stack:  # the edited files exist while formulas are compared
             for n, cure in enumerate(result.cures):
                 edited = None
-                if n >= _MOST_PROVED:
+                if n >= _MOST_PROVED_CURES:
                     verdict = ProofOfRepair(
-                        f"not judged by the prover: only {_MOST_PROVED} repairs of these rows are", False
+                        f"not judged by the prover: only {_MOST_PROVED_CURES} repairs of these rows are", False
                     )
                 else:
-                    change = list(dict.fromkeys([*_edits(cure), *edits_of_others]))
+                    change = list(dict.fromkeys([*_provable_edits(cure), *edits_of_others]))
                     edited = stack.enter_context(edited_formula(self.formula, change))
                     verdict = self._verdict(edited, frozenset(change))
                 if edited is not None and verdict.proved:

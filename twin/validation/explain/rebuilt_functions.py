@@ -23,8 +23,8 @@ from twin.formula.scalar import Value
 from twin.robots import FORMULA_MODULE
 from twin.validation.explain.augmented_assignments import AUGMENTED_NAME, augmented, rewritten, uses_casadi
 
-_SYMBOLIC = "twin.formula.symbolic"
-_TWIN = Path(__file__).resolve().parents[2]
+_SYMBOLIC_MODULE = "twin.formula.symbolic"
+_PACKAGE_FOLDER = Path(__file__).resolve().parents[2]
 
 
 class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
@@ -82,8 +82,8 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
             key = (key, 0)
         i, j = key
         if isinstance(i, slice) or isinstance(j, slice):
-            return Matrix(self.a[:, _slice(i, rows), _slice(j, columns)].copy())
-        return self.a[:, _at(i, rows), _at(j, columns)].copy()
+            return Matrix(self.a[:, _as_slice(i, rows), _as_slice(j, columns)].copy())
+        return self.a[:, _checked_index(i, rows), _checked_index(j, columns)].copy()
 
 
 def _matrix_or_scalar(a: Array) -> Value:
@@ -93,15 +93,15 @@ def _matrix_or_scalar(a: Array) -> Value:
     return Matrix(a)
 
 
-def _slice(i: Value, n: int) -> slice:
+def _as_slice(i: Value, n: int) -> slice:
     """Return an index as a slice; `n` is the number of rows or columns."""
     if isinstance(i, slice):
         return i
-    first = _at(i, n)
+    first = _checked_index(i, n)
     return slice(first, first + 1)
 
 
-def _at(i: Value, n: int) -> int:
+def _checked_index(i: Value, n: int) -> int:
     """Return an index counted from the start; `n` is the number of rows or columns.
 
     Raises:
@@ -115,7 +115,7 @@ def _at(i: Value, n: int) -> int:
     return i % n
 
 
-def _as(x: Value) -> Matrix:
+def _as_matrix(x: Value) -> Matrix:
     """Convert a scalar, an array (k,) or a list of rows to a matrix."""
     if isinstance(x, Matrix):
         return x
@@ -164,7 +164,7 @@ def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
 
 def _column(x: Value) -> Array:
     """Return the entries (k, entries) of a matrix column by column, as CasADi counts them."""
-    a = _as(x).a
+    a = _as_matrix(x).a
     return np.swapaxes(a, 1, 2).reshape(len(a), -1)
 
 
@@ -210,7 +210,7 @@ def _if_else(condition: Value, yes: Value, no: Value, *_: Value) -> Value:
     if isinstance(no, float) and math.isnan(no) and _UNGUARDED.get():
         return yes
     if isinstance(yes, Matrix) or isinstance(no, Matrix):
-        return Matrix(np.where(_as(condition).a.astype(bool), _as(yes).a, _as(no).a))
+        return Matrix(np.where(_as_matrix(condition).a.astype(bool), _as_matrix(yes).a, _as_matrix(no).a))
     return np.where(condition, yes, no)
 
 
@@ -220,7 +220,7 @@ def _norm(x: Value) -> Array:
 
 def _inv(A: Value) -> Matrix:
     """Return the inverse matrices; a ValueError for matrices that are not square."""
-    a = _as(A).a
+    a = _as_matrix(A).a
     if a.shape[1] != a.shape[2]:
         raise ValueError(no_inverse(*a.shape[1:]))
     return Matrix(np.asarray(np.linalg.inv(a), np.float64))
@@ -241,7 +241,7 @@ class _SX:
         if len(args) == 2:
             return Matrix(np.zeros((1, *args)))
         (x,) = args
-        return _as(x) if isinstance(x, list | tuple) else x
+        return _as_matrix(x) if isinstance(x, list | tuple) else x
 
     def eye(self, n: int) -> Matrix:
         return Matrix(np.eye(n)[None])
@@ -268,16 +268,16 @@ def _mtimes(*factors: Value) -> Value:
     return factors[0] @ _mtimes(*factors[1:])
 
 
-_UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
-_ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
+_UNARY_FUNCTIONS = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
+_ARC_FUNCTIONS = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
 
 
 def _elementwise_functions() -> dict[str, Callable]:
     """Return the elementwise functions of CasADi by name, each of which NumPy has as well."""
     functions: dict[str, Callable] = {}
-    for name in _UNARY:
+    for name in _UNARY_FUNCTIONS:
         functions[name] = _elementwise(getattr(np, name))
-    for short, function in _ARC.items():  # CasADi has two names for each: asin and arcsin
+    for short, function in _ARC_FUNCTIONS.items():  # CasADi has two names for each: asin and arcsin
         functions[short] = _elementwise(function)
         functions[f"arc{short[1:]}"] = _elementwise(function)
     for name in ("fmin", "fmax", "hypot"):
@@ -317,7 +317,7 @@ _FUNCTIONS: dict[str, Value] = {
 }
 
 
-def turn(axis: int) -> Callable[[Value], Matrix]:
+def rotations_about(axis: int) -> Callable[[Value], Matrix]:
     """Return a function that converts angles (k,) in rad to rotations about `axis` (0, 1 or 2)."""
     i = (axis + 1) % 3
     j = (axis + 2) % 3
@@ -347,14 +347,19 @@ def _pose(R: Value, p: Value) -> Matrix:
     return Matrix(T)
 
 
-_NUMPY_VERSIONS = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "pose": _pose}
+_NUMPY_VERSIONS = {
+    "rotation_x": rotations_about(0),
+    "rotation_y": rotations_about(1),
+    "rotation_z": rotations_about(2),
+    "pose": _pose,
+}
 """Functions of `symbolic` that have their own NumPy version."""
 
 
 _LONGEST_ARGUMENT = 2048
 """Maximum number of entries of an argument of a call whose result is cached."""
 
-_MOST_CACHED = 2_000_000
+_MOST_CACHED_ENTRIES = 2_000_000
 """Maximum number of entries of the cached results of one function: 16 MB."""
 
 
@@ -367,9 +372,9 @@ def _with_cache(f: types.FunctionType) -> types.FunctionType:
     results: dict[Value, Matrix] = {}
     cache_size = {"entries": 0}
     # The new function has the globals of `f`, in which edits replace functions; what it needs itself is in its closure.
-    key_of = _key
+    key_of = _cache_key
     matrix_type = Matrix
-    most_entries = _MOST_CACHED
+    most_entries = _MOST_CACHED_ENTRIES
 
     def cached(*args: Value, **named: Value) -> Value:
         key = None
@@ -397,12 +402,12 @@ def _is_leaf(f: types.FunctionType) -> bool:
     """Return whether a function, as it is in its module, calls no function of a formula."""
     for name in _global_names(f.__code__):
         called = f.__globals__.get(name)
-        if isinstance(called, types.FunctionType) and of_formula(called) and not _of_casadi(called):
+        if isinstance(called, types.FunctionType) and is_of_formula(called) and not _is_of_casadi(called):
             return False
     return True
 
 
-def _of_casadi(x: Value) -> bool:
+def _is_of_casadi(x: Value) -> bool:
     """Return whether a function is one of CasADi, some of which are plain Python functions."""
     module = getattr(x, "__module__", None) or ""
     return module.split(".")[0] == "casadi"
@@ -417,7 +422,7 @@ def _global_names(code: types.CodeType) -> set[str]:
     return names
 
 
-def _key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
+def _cache_key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
     """Return a key, equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
     key: list[Value] = [_UNGUARDED.get()]
     for x in args:
@@ -463,7 +468,7 @@ class Rebuilder:
             rebuilt = types.FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
             self._rebuilt[id(function)] = rebuilt
         rebuilt.__kwdefaults__ = function.__kwdefaults__
-        is_plain = not function.__closure__ and not function.__kwdefaults__ and of_formula(function)
+        is_plain = not function.__closure__ and not function.__kwdefaults__ and is_of_formula(function)
         # In the rebuilt globals, an edited function may stand in for one of the formula; in the module's it never does.
         if is_plain and _is_leaf(function):
             rebuilt = _with_cache(rebuilt)
@@ -483,7 +488,7 @@ class Rebuilder:
                 if not name.startswith("__"):
                     scope[name] = self.value(value)
             scope["__builtins__"] = home.get("__builtins__", __builtins__)
-            if home.get("__name__") == _SYMBOLIC:
+            if home.get("__name__") == _SYMBOLIC_MODULE:
                 scope |= _NUMPY_VERSIONS
         return self._rebuilt[id(home)]
 
@@ -492,12 +497,12 @@ class Rebuilder:
         if isinstance(x, types.ModuleType):
             if x.__name__.split(".")[0] == "casadi":
                 return types.SimpleNamespace(**_FUNCTIONS)
-            if x.__name__ == _SYMBOLIC or x.__name__.startswith("twin.robots."):
+            if x.__name__ == _SYMBOLIC_MODULE or x.__name__.startswith("twin.robots."):
                 return self._module(x)
             return x
-        if _of_casadi(x):
+        if _is_of_casadi(x):
             name = getattr(x, "__name__", "")
-            return _FUNCTIONS.get(name, _missing(name or str(x)))
+            return _FUNCTIONS.get(name, _unsupported(name or str(x)))
         if isinstance(x, types.FunctionType) and _needs_rebuilding(x):
             return self.function(x)
         return x
@@ -510,7 +515,7 @@ class Rebuilder:
             for name, value in vars(module).items():
                 if not name.startswith("__"):
                     counterpart = None
-                    if module.__name__ == _SYMBOLIC:
+                    if module.__name__ == _SYMBOLIC_MODULE:
                         counterpart = _NUMPY_VERSIONS.get(name)
                     setattr(space, name, counterpart or self.value(value))
         return self._rebuilt[id(module)]
@@ -537,13 +542,13 @@ def _needs_rebuilding(f: types.FunctionType) -> bool:
     return not {"site-packages", "dist-packages"} & set(Path(f.__code__.co_filename).parts)
 
 
-def of_formula(f: types.FunctionType) -> bool:
+def is_of_formula(f: types.FunctionType) -> bool:
     """Return whether a function that a formula calls is in a formula file, not in the library."""
     path = Path(inspect.unwrap(f).__code__.co_filename).resolve()  # type: ignore[attr-defined]
-    return not path.is_relative_to(_TWIN) or path.is_relative_to(_TWIN / "robots")
+    return not path.is_relative_to(_PACKAGE_FOLDER) or path.is_relative_to(_PACKAGE_FOLDER / "robots")
 
 
-def _missing(name: str) -> Callable:
+def _unsupported(name: str) -> Callable:
     """Return the stand-in for a function of CasADi without a counterpart: it raises a KinematicsError when called."""
 
     def refuse(*_: Value, **__: Value) -> Value:

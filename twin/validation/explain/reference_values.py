@@ -17,10 +17,10 @@ from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.explain.function_source import Source
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
 
-Kind = Literal["length", "angle", "pose"]
+SymbolKind = Literal["length", "angle", "pose"]
 
-_PERTURBED_PART = 0.01
-_PERTURBED_BY = 1e-3
+_PERTURBATION_PART = 0.01
+_PERTURBATION_ADDED = 1e-3
 """Standard deviations of perturbed values: as a part of a value, and in SI, so that also a zero is changed."""
 
 
@@ -41,7 +41,7 @@ class ReferenceValues:
     """
 
     symbols: Mapping[str, Value]
-    kinds: Mapping[str, Kind]
+    kinds: Mapping[str, SymbolKind]
     k: int
     Ts: Array
     run: SolvedSamples | None
@@ -63,12 +63,12 @@ class ReferenceValues:
         symbols: dict[str, Value] = {}
         for name, value in self.symbols.items():
             if isinstance(value, Matrix):
-                factor = 1 + _PERTURBED_PART * rng.standard_normal(value.a.shape)
+                factor = 1 + _PERTURBATION_PART * rng.standard_normal(value.a.shape)
                 symbols[name] = Matrix(value.a * factor)
                 continue
             x = np.broadcast_to(np.asarray(value, float), (self.k,))
-            factor = 1 + _PERTURBED_PART * rng.standard_normal(self.k)
-            added = _PERTURBED_BY * rng.standard_normal(self.k)
+            factor = 1 + _PERTURBATION_PART * rng.standard_normal(self.k)
+            added = _PERTURBATION_ADDED * rng.standard_normal(self.k)
             symbols[name] = x * factor + added
         return replace(self, symbols=symbols, run=None)
 
@@ -114,7 +114,7 @@ def symbol_values(
     for parameter in formula.parameters:
         symbols[parameter.name] = float(parameter.value)
     symbols |= dict(parameters or {})
-    kinds: dict[str, Kind] = {POSE_SYMBOL: "pose"}
+    kinds: dict[str, SymbolKind] = {POSE_SYMBOL: "pose"}
     pose = Matrix(run.Ts_base_tool)
     symbols[POSE_SYMBOL] = pose
     with np.errstate(all="ignore"):
@@ -138,7 +138,7 @@ def symbol_values(
 
 
 def _add_joints(
-    formula: Formula, run: SolvedSamples, model: ReferenceModel, symbols: dict[str, Value], kinds: dict[str, Kind]
+    formula: Formula, run: SolvedSamples, model: ReferenceModel, symbols: dict[str, Value], kinds: dict[str, SymbolKind]
 ) -> None:
     """Add the values of active and passive joints to `symbols`, and their kinds to `kinds`."""
     order = [joint.name for joint in model.mechanism.active]
@@ -153,7 +153,7 @@ def _add_joints(
 
 
 def _add_points(
-    formula: Formula, run: SolvedSamples, symbols: dict[str, Value], kinds: dict[str, Kind]
+    formula: Formula, run: SolvedSamples, symbols: dict[str, Value], kinds: dict[str, SymbolKind]
 ) -> dict[str, str]:
     """Add the positions of named points to `symbols`, and their kinds to `kinds`; return `borrowed`.
 

@@ -19,13 +19,13 @@ from twin.validation.explain.formula_state import FormulaStates
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.trials import Trials
 
-_MOST_CHECKED = 12
+_MOST_CHECKED_READINGS = 12
 """Number of readings of one cure that are checked on the whole formula; further ones only until one is confirmed."""
 
-MOST_EXACT = 60
+MOST_EXACT_EDITS = 60
 """Maximum number of exact edits of one group of rows that are compared with each other."""
 
-LATE = 3
+MOST_CONFIRMED_LATE = 3
 """Maximum number of repairs that are confirmed, if the time is over."""
 
 
@@ -71,11 +71,12 @@ class RepairChoice:
     def has_repair(self, row: RowKey, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance.
 
-        Also False if the time is over and the first `LATE` exact candidates do so only by chance: then it is not known.
+        Also False if the time is over and the first `MOST_CONFIRMED_LATE` exact ones do so only by chance: then it
+        is not known.
         """
-        exact = self.trials.exact([row], candidates)[:MOST_EXACT]
+        exact = self.trials.exact([row], candidates)[:MOST_EXACT_EDITS]
         for n, c in enumerate(exact):
-            if self.deadline.passed and n >= LATE:
+            if self.deadline.passed and n >= MOST_CONFIRMED_LATE:
                 return False
             if self.is_general(c):
                 return True
@@ -115,7 +116,7 @@ class RepairChoice:
         checked: list[_CheckedCure] = []
         wrong_rows: list[int] = []  # their number, of each reading for which it is known
         for n, cure in enumerate(cures):
-            checked_cure = self._checked(cure, is_early=n < LATE)
+            checked_cure = self._checked(cure, is_early=n < MOST_CONFIRMED_LATE)
             checked.append(checked_cure)
             for _, wrong in checked_cure.confirmed:
                 if wrong is not None:
@@ -141,7 +142,7 @@ class RepairChoice:
         unchecked: list[Candidate] = []
         for i, c in enumerate(cure):
             is_first = i == 0 and is_early
-            in_time = (i < _MOST_CHECKED or not confirmed) and not self.deadline.passed
+            in_time = (i < _MOST_CHECKED_READINGS or not confirmed) and not self.deadline.passed
             if not (is_first or in_time or self.states.is_known(c.edits)):
                 unchecked.append(c)
                 continue
@@ -192,7 +193,7 @@ class RepairChoice:
         That is also so if it is not known.
         """
         change = _first_edits(results)
-        if _touching(change):
+        if _overlap(change):
             return False
         after = self.states.after(change)
         if after is None:
@@ -211,7 +212,7 @@ def _first_edits(results: Sequence[GroupResult]) -> list[Edit]:
     return first_edits
 
 
-def _touching(change: Sequence[Edit]) -> bool:
+def _overlap(change: Sequence[Edit]) -> bool:
     """Return whether two different edits replace the same text, so that one cannot be made after the other."""
     ordered = sorted(dict.fromkeys(change), key=lambda edit: (str(edit.path), edit.start, edit.end))
     touching = False

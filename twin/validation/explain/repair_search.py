@@ -10,29 +10,37 @@ from functools import cached_property
 import numpy as np
 
 from twin.core.progress import StepProgress, silent_step
-from twin.validation.explain.candidate import CALLS, FORMS, MULTI_TOKEN, OPERATORS, TOKENS, Candidate, GroupResult
+from twin.validation.explain.candidate import (
+    CALL_KINDS,
+    FORM_KINDS,
+    MULTI_TOKEN_KINDS,
+    OPERATOR_KINDS,
+    TOKEN_KINDS,
+    Candidate,
+    GroupResult,
+)
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.name_pool import pool
+from twin.validation.explain.name_pool import name_pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.position_pairs import PositionPairs
-from twin.validation.explain.repair_choice import MOST_EXACT, RepairChoice
+from twin.validation.explain.repair_choice import MOST_EXACT_EDITS, RepairChoice
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.single_edits import SingleEdits
 from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.trials import Trials
 
-_FORM_TOKENS = tuple(kind for kind in TOKENS if kind in FORMS)
-_NAME_TOKENS = tuple(kind for kind in TOKENS if kind not in FORMS)
-_MULTI_TOKEN_BUT_CALLS = tuple(kind for kind in MULTI_TOKEN if kind not in FORMS)
+_FORM_TOKENS = tuple(kind for kind in TOKEN_KINDS if kind in FORM_KINDS)
+_NAME_TOKENS = tuple(kind for kind in TOKEN_KINDS if kind not in FORM_KINDS)
+_MULTI_TOKEN_BUT_CALLS = tuple(kind for kind in MULTI_TOKEN_KINDS if kind not in FORM_KINDS)
 
 _STAGES = (
     (False, _FORM_TOKENS),
-    (True, CALLS),
+    (True, CALL_KINDS),
     (False, _NAME_TOKENS),
-    (True, OPERATORS),
-    (False, MULTI_TOKEN),
+    (True, OPERATOR_KINDS),
+    (False, MULTI_TOKEN_KINDS),
     (True, _NAME_TOKENS),
     (True, _MULTI_TOKEN_BUT_CALLS),
 )
@@ -44,10 +52,10 @@ Kinds with few replacements come first, because a slow equation leaves time for 
 _PARTS = (0.3, 0.3, 0.5, 0.3, 0.3, 0.5, 0.6)
 """Maximum part of the remaining time for each of these stages, so that slow equations leave time for the next."""
 
-_ALTERNATIVES = 0.3
+_ALTERNATIVES_PART = 0.3
 """Maximum part of the remaining time for other edits with the same result, after an edit that repairs all rows."""
 
-_REQUIRED_AFTER = 1
+_STAGE_BEFORE_VALUES = 1
 """Index of the stage after which edits are found from required values.
 
 They come before the kinds with many replacements, which may need all the time.
@@ -56,13 +64,13 @@ They come before the kinds with many replacements, which may need all the time.
 _CHANCE_PART = 0.2
 """Maximum part of the remaining time for the question whether edits repair rows only by chance, after each stage."""
 
-_CHANCES = 3
+_MOST_CHANCE_EDITS = 3
 """Number of edits that repair a row only by chance beside which a second one is tried."""
 
 _CHANCE_PAIRS_PART = 0.4
 """Maximum part of the remaining time for such pairs."""
 
-_SHARED = 3
+_MOST_SHARED_EDITS = 3
 """Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
 
 
@@ -143,14 +151,14 @@ class RepairSearch(Trials):
         for n, (in_called, kinds) in enumerate(_STAGES):
             settled = not unrepaired and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
-            if settled and not is_from_values and (in_called or kinds == MULTI_TOKEN):
+            if settled and not is_from_values and (in_called or kinds == MULTI_TOKEN_KINDS):
                 skipped_stages.append(n)
                 continue
             tried_everywhere = self._stage(n, settled, unrepaired)
-            if tried_everywhere and not in_called and kinds == MULTI_TOKEN:
+            if tried_everywhere and not in_called and kinds == MULTI_TOKEN_KINDS:
                 all_kinds_tried = True
             unrepaired = self._group_rows()
-            if n == _REQUIRED_AFTER and unrepaired:
+            if n == _STAGE_BEFORE_VALUES and unrepaired:
                 unrepaired = self._from_values(unrepaired)
                 is_from_values = not unrepaired
         if not all_kinds_tried:
@@ -172,11 +180,11 @@ class RepairSearch(Trials):
         in_called, kinds = _STAGES[n]
         part = _PARTS[n]
         if settled:
-            part = _ALTERNATIVES
+            part = _ALTERNATIVES_PART
         self.singles.until = self.deadline.within(part * self.deadline.left)
         statements: set[tuple[str, int]] | None = None
         functions: set[int] | None = None
-        of_rows = not in_called and kinds != MULTI_TOKEN  # all are tried, to find every tie
+        of_rows = not in_called and kinds != MULTI_TOKEN_KINDS  # all are tried, to find every tie
         if not unrepaired and not of_rows:
             statements, functions = self.singles.shared_sites(self._groups)
         if in_called:
@@ -199,8 +207,8 @@ class RepairSearch(Trials):
         for group in self._groups:
             for candidate in self.exact(group, self._candidates):
                 statements.add((candidate.step.equation.name, candidate.edits[0].statement))
-        self.singles.until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
-        self._candidates += self.singles.in_statements(MULTI_TOKEN, statements)
+        self.singles.until = self.deadline.within(_ALTERNATIVES_PART * self.deadline.left)
+        self._candidates += self.singles.in_statements(MULTI_TOKEN_KINDS, statements)
 
     def _results(self, unrepaired: Sequence[RowKey]) -> tuple[list[GroupResult], list[RowKey]]:
         """Return (results of the groups that have a repair, rows without one)."""
@@ -259,7 +267,7 @@ class RepairSearch(Trials):
         singles = self._candidates
         shared: list[Candidate] = []
         for result in results:
-            shared += self.exact(result.rows, singles)[:_SHARED]
+            shared += self.exact(result.rows, singles)[:_MOST_SHARED_EDITS]
         pairs: list[Candidate] = []
         complete = False
         if budget > 0:
@@ -290,13 +298,13 @@ class RepairSearch(Trials):
             if candidate.by_chance and repairs_row and not (candidate.breaks_row or candidate.is_trivial):
                 firsts.append(candidate)
         firsts.sort(key=lambda candidate: candidate.rank)
-        for candidate in firsts[:_CHANCES]:
+        for candidate in firsts[:_MOST_CHANCE_EDITS]:
             (first,) = candidate.edits
             source = self.judge.source_of(candidate.step, first)
             steps = [candidate.step, *self.callers(source, candidate.step)]
             for statement in source.statements:
-                names = pool(source, statement, set(source.arguments), self.parameters, candidate.step.scope)
-                for second in statement_edits(source, statement, names, FORMS):
+                names = name_pool(source, statement, set(source.arguments), self.parameters, candidate.step.scope)
+                for second in statement_edits(source, statement, names, FORM_KINDS):
                     if deadline.passed:
                         return pairs
                     if first.start <= second.end and second.start <= first.end:  # they touch each other
@@ -365,7 +373,7 @@ class RepairSearch(Trials):
 
     def _exclude_by_chance(self, group: list[RowKey], until: Deadline) -> bool:
         """Exclude the edits that repair a group if all of them do so only by chance; return whether they do."""
-        exact = self.exact(group, self._candidates)[:MOST_EXACT]
+        exact = self.exact(group, self._candidates)[:MOST_EXACT_EDITS]
         for candidate in exact:
             if until.passed or self.choice.is_general(candidate):
                 return False
@@ -403,7 +411,7 @@ class RepairSearch(Trials):
 
     def _result(self, rows: list[RowKey], repairs: list[Candidate], candidates: list[Candidate]) -> GroupResult:
         """Return the result for a group of rows: `repairs` may repair them, `candidates` have the next best edit."""
-        exact = self.exact(rows, repairs)[:MOST_EXACT]
+        exact = self.exact(rows, repairs)[:MOST_EXACT_EDITS]
         every_cure = self.functions.distinct(exact, rows)
         cures = self.choice.best(every_cure)
         if every_cure and not cures:

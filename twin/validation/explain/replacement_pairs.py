@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar, Value
 from twin.validation.explain import plain_values
-from twin.validation.explain.candidate import aliases, edited_residuals, names_in_helpers
+from twin.validation.explain.candidate import alias_values, edited_residuals, names_in_helpers
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.dependence import equations_from
 from twin.validation.explain.equation_steps import RowKey, Step
@@ -28,10 +28,10 @@ from twin.validation.explain.function_source import ByteRange, Edit
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge, by_row
 
-_SAMPLES = 2
+_FEW_SAMPLES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
 
-_BY_CHANCE = 1e-3
+_CHANCE_RESIDUAL = 1e-3
 """Residual, in units of the tolerance, up to which a row agrees exactly at perturbed values: it says nothing then."""
 
 _OTHER_FUNCTION_DISTANCE = 100
@@ -94,9 +94,9 @@ class ReplacementPairs:
         """Return the indices of the few samples, from those at which the row has a value."""
         residual = by_row(self.judge.residuals)[self.row]
         valued = np.flatnonzero(np.isfinite(residual).all(axis=1))
-        if len(valued) < _SAMPLES:
+        if len(valued) < _FEW_SAMPLES:
             valued = np.arange(self.judge.reference.k)
-        return valued[np.linspace(0, len(valued) - 1, _SAMPLES).astype(int)]
+        return valued[np.linspace(0, len(valued) - 1, _FEW_SAMPLES).astype(int)]
 
     def likely_pairs(self) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
@@ -127,7 +127,7 @@ class ReplacementPairs:
 
         Pairs at equal distance are sorted by their distance from the row. Two misprints are often near each other.
         """
-        groups: dict[_Home, list[_Position]] = {}
+        groups: dict[_EditPlace, list[_Position]] = {}
         for position in self.positions:
             edit = position.edits[0]
             groups.setdefault((str(edit.path), edit.function, edit.statement), []).append(position)
@@ -138,7 +138,7 @@ class ReplacementPairs:
             else:
                 yield from itertools.product(groups[first], groups[second])
 
-    def _distance(self, pair: tuple[_Home, _Home]) -> tuple[bool, int, int]:
+    def _distance(self, pair: tuple[_EditPlace, _EditPlace]) -> tuple[bool, int, int]:
         """Return (whether the functions differ, distance in statements, distance of both from the row)."""
         (*function, first_index), (*other_function, second_index) = pair
         from_row = 0
@@ -153,7 +153,7 @@ class ReplacementPairs:
         together: dict[tuple[str, int, int], list[Edit]] = {}
         alone: list[_Position] = []
         for edit in edits:
-            if _is_value(edit):
+            if _replaces_value(edit):
                 together.setdefault((str(edit.path), edit.start, edit.end), []).append(edit)
             else:
                 alone.append(_Position((edit,), False))
@@ -217,9 +217,9 @@ class ReplacementPairs:
         if r is None:
             return
         largest = np.abs(r).max(axis=2)
-        agrees = largest[:, :_SAMPLES].max(axis=1) <= 1
+        agrees = largest[:, :_FEW_SAMPLES].max(axis=1) <= 1
         # At perturbed values an agreement would be a coincidence; NaN counts as disagreement.
-        by_chance = largest[:, _SAMPLES:].max(axis=1) <= _BY_CHANCE
+        by_chance = largest[:, _FEW_SAMPLES:].max(axis=1) <= _CHANCE_RESIDUAL
         for combination in np.flatnonzero(agrees & ~by_chance).tolist():
             i, j = divmod(combination, shape[1])
             yield first.edits[i], second.edits[j]
@@ -241,11 +241,11 @@ class ReplacementPairs:
         repeats = 1 << (count - 1).bit_length()  # few sizes, because a judge is made for each of them
         judge = self._judge(repeats)
         for expansion in self._expansions:
-            expansion.shape = (*shape, _SAMPLES + 1)
-            expansion.size = repeats * (_SAMPLES + 1)
+            expansion.shape = (*shape, _FEW_SAMPLES + 1)
+            expansion.size = repeats * (_FEW_SAMPLES + 1)
             expansion.non_scalars = set()
         step = judge.step(self.step.equation.name)
-        extra = aliases(judge, step, edits)
+        extra = alias_values(judge, step, edits)
         if extra is None:
             return None
         for edit in edits:
@@ -253,16 +253,16 @@ class ReplacementPairs:
                 continue
             name, expression = edit.define
             if not expression and name in judge.reference.symbols:  # a new argument of the function
-                extra[name] = plain_values.inside(step.plain, judge.reference.symbols[name])
+                extra[name] = plain_values.to_function_form(step.plain, judge.reference.symbols[name])
         functions: dict[str, Value] = dict(zip(_EXPANSION_NAMES, self._expansions, strict=True))
         with names_in_helpers(judge, step, change, functions):
             deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **functions})
         if deviations is None or self.row not in deviations:
             return None
         r = deviations[self.row]
-        if len(r) != repeats * (_SAMPLES + 1):
+        if len(r) != repeats * (_FEW_SAMPLES + 1):
             return None
-        return r.reshape(repeats, _SAMPLES + 1, -1)[:count]
+        return r.reshape(repeats, _FEW_SAMPLES + 1, -1)[:count]
 
     def _judge(self, repeats: int) -> Judge:
         """Return a judge at the few samples used to exclude pairs, repeated for n combinations."""
@@ -278,7 +278,9 @@ class ReplacementPairs:
             equations = [name]
             if self.row[0] != name:  # the row is in a later equation
                 equations = equations_from(self.judge, step)
-            reference = dataclasses.replace(self.judge.reference, symbols=symbols, k=repeats * (_SAMPLES + 1), run=None)
+            reference = dataclasses.replace(
+                self.judge.reference, symbols=symbols, k=repeats * (_FEW_SAMPLES + 1), run=None
+            )
             self._tiled[repeats] = self.judge.on(reference, equations)
         return self._tiled[repeats]
 
@@ -300,7 +302,7 @@ _EXPANSION_NAMES = ("_first_", "_second_")
 """Names of the two `_Expansion` functions in the edited text."""
 
 
-_Home = tuple[str, str, int]
+_EditPlace = tuple[str, str, int]
 """(file, function, index of the statement) of an edit."""
 
 
@@ -347,7 +349,7 @@ class _Expansion:
         return wrapper(expanded)
 
 
-def _is_value(edit: Edit) -> bool:
+def _replaces_value(edit: Edit) -> bool:
     """Return whether old and new text of an edit are both a number or scalar, so that an array can contain both."""
     if edit.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False

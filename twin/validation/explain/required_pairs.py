@@ -35,19 +35,19 @@ from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge, by_row, entries_of, worst
 from twin.validation.explain.term_pairs import with_term
 
-_TURNS = (0.5, -0.5, 1.0)
+_SHIFTS_IN_HALF_TURNS = (0.5, -0.5, 1.0)
 """Shifts, in units of pi, of an angle whose constant is wrong; Gauss-Newton does not reach them from zero."""
 
-_MULTIPLES = (0.0, -2.0, -1.0, 1.0, -0.5, -0.75, 3.0)
+_SHIFTS_IN_VALUES = (0.0, -2.0, -1.0, 1.0, -0.5, -0.75, 3.0)
 """Shifts, as multiples of an expression's value: unchanged, other sign, zero, twice, half, a fourth, four times."""
 
-_FEW_POSES = 4
+_GUESS_POSES = 4
 """Number of poses at which such shifts are tried."""
 
 _MOST_NAMES = 8
 """Number of names of the same function whose values an expression may have instead."""
 
-_CHOICES = len(_MULTIPLES) + len(_TURNS) + _MOST_NAMES
+_SHIFT_CHOICES = len(_SHIFTS_IN_VALUES) + len(_SHIFTS_IN_HALF_TURNS) + _MOST_NAMES
 """Number of shifts of each of two expressions that are tried in all combinations."""
 
 _PAIRS_AT_ONCE = 8
@@ -56,13 +56,13 @@ _PAIRS_AT_ONCE = 8
 _POSE_ENTRIES = 12
 """Number of entries of a row with which one pose decides whether shifts are good."""
 
-_NEAR_PART = 0.1
+_LARGEST_REMAINING_PART = 0.1
 """Largest part of the residuals that may be left after such shifts, for Gauss-Newton to start there."""
 
-_MOST_TEXTS = 6
+_MOST_EDITS = 6
 """Maximum number of edits of each of two expressions that are combined."""
 
-_AT_ONCE = 256
+_CHOICES_AT_ONCE = 256
 """Number of choices of expressions of which the solutions are found together."""
 
 
@@ -247,7 +247,7 @@ class RequiredPairs:
                 # One entry has a right value nearly everywhere, and several calls may need several values.
                 if scalar.is_repeated or r.shape[1] == 1 or poses_with_value < FEWEST_POSES:
                     possible.add(scalar)
-                for turn in (0.0, *_TURNS):
+                for turn in (0.0, *_SHIFTS_IN_HALF_TURNS):
                     start = np.full((len(self.coarse.poses), 1), turn * np.pi)
                     trials.append(Choice((scalar,), (row,), start))
         undecided: list[Choice] = []
@@ -399,11 +399,11 @@ class RequiredPairs:
         `starts` are the first shifts (k, expressions); None: zero.
         """
         equation = self.step.equation.name
-        for first in range(0, len(choices), _AT_ONCE):
+        for first in range(0, len(choices), _CHOICES_AT_ONCE):
             if deadline.passed:
                 return
             coarse_choices: list[Choice] = []
-            for scalars in choices[first : first + _AT_ONCE]:
+            for scalars in choices[first : first + _CHOICES_AT_ONCE]:
                 start = None
                 if starts is not None:
                     start = starts[scalars][self.coarse.poses]
@@ -469,12 +469,12 @@ class RequiredPairs:
         All combinations of some shifts are tried at few poses, for several pairs by one evaluation.
         """
         starts: dict[tuple[LargestScalar, ...], Array] = {}
-        for part in _in_evaluations(pairs):
+        for part in _pairs_of_evaluations(pairs):
             if deadline.passed:
                 break
             for (a, b), guess in zip(part, self._guess(part, rows), strict=True):
                 if guess is not None:
-                    i, j = divmod(guess, _CHOICES)
+                    i, j = divmod(guess, _SHIFT_CHOICES)
                     starts[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
         return starts
 
@@ -486,17 +486,17 @@ class RequiredPairs:
         poses, grid = self._at_few
         before = by_row(grid.residuals)
         few = len(poses)
-        samples_of_pair = _CHOICES**2 * few
+        samples_of_pair = _SHIFT_CHOICES**2 * few
         shifts: dict[LargestScalar, Shift] = {}
         for n, pair in enumerate(pairs):
             block = slice(n * samples_of_pair, (n + 1) * samples_of_pair)
             for axis, scalar in enumerate(pair):
                 shift = shifts.setdefault(scalar, Shift(grid.reference.k))
-                shape = (1, _CHOICES, few)
+                shape = (1, _SHIFT_CHOICES, few)
                 if axis == 0:
-                    shape = (_CHOICES, 1, few)
+                    shape = (_SHIFT_CHOICES, 1, few)
                 along_axis = self._shifts(scalar)[:, poses].reshape(shape)
-                combinations_of_shifts = np.broadcast_to(along_axis, (_CHOICES, _CHOICES, few))
+                combinations_of_shifts = np.broadcast_to(along_axis, (_SHIFT_CHOICES, _SHIFT_CHOICES, few))
                 shift.added[block, 0] = combinations_of_shifts.ravel()
         after = self._residuals(list(shifts), list(shifts.values()), (), grid)
         guesses: list[int | None] = []
@@ -514,7 +514,7 @@ class RequiredPairs:
             remaining = np.where(np.isfinite(remaining), remaining, np.inf)
             best = int(np.argmin(remaining))
             # The first combination has no shift; Gauss-Newton starts there anyway.
-            if best != 0 and remaining[best] <= _NEAR_PART * size:
+            if best != 0 and remaining[best] <= _LARGEST_REMAINING_PART * size:
                 guesses.append(best)
             else:
                 guesses.append(None)
@@ -523,12 +523,12 @@ class RequiredPairs:
     def _shifts(self, scalar: LargestScalar) -> Array:
         """Return the shifts (choices, k) of an expression that are tried first; the first one is zero."""
         if scalar not in self._first_shifts:
-            shifts = [multiple * scalar.value for multiple in _MULTIPLES]
-            for turn in _TURNS:
+            shifts = [multiple * scalar.value for multiple in _SHIFTS_IN_VALUES]
+            for turn in _SHIFTS_IN_HALF_TURNS:
                 shifts.append(np.full_like(scalar.value, turn * np.pi))
             for value in self._argument_values(scalar)[:_MOST_NAMES]:
                 shifts.append(value - scalar.value)
-            while len(shifts) < _CHOICES:
+            while len(shifts) < _SHIFT_CHOICES:
                 shifts.append(np.zeros_like(scalar.value))
             self._first_shifts[scalar] = np.array(shifts)
         return self._first_shifts[scalar]
@@ -560,12 +560,12 @@ class RequiredPairs:
         for row, residual in self.full.residuals.items():
             if row in self.failing:
                 most_entries = max(most_entries, residual.shape[1])
-        few = _FEW_POSES
+        few = _GUESS_POSES
         if most_entries >= _POSE_ENTRIES:
             few = 1
         spaced = np.linspace(0, self.judge.reference.k - 1, few + 2).astype(int)
         poses = spaced[1:-1]
-        repeated = self.judge.reference.repeated(poses.tolist(), _CHOICES**2 * _PAIRS_AT_ONCE)
+        repeated = self.judge.reference.repeated(poses.tolist(), _SHIFT_CHOICES**2 * _PAIRS_AT_ONCE)
         with unguarded():
             judge = self.judge.on(repeated)
         return poses, judge
@@ -573,12 +573,12 @@ class RequiredPairs:
     def _texts(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
         expression = Expression(scalar.site, scalar.node, shift, deadline)
-        return islice(expression.single_edits(_required_values(shift)), _MOST_TEXTS)
+        return islice(expression.single_edits(_required_values(shift)), _MOST_EDITS)
 
     def _composed(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield edits of an expression that shift its values by a term or factor."""
         expression = Expression(scalar.site, scalar.node, shift, deadline)
-        return islice(expression.composed_edits(_required_values(shift)), _MOST_TEXTS)
+        return islice(expression.composed_edits(_required_values(shift)), _MOST_EDITS)
 
     def _residuals(
         self,
@@ -646,7 +646,7 @@ def _nodes_below(site: Site, node: ast.AST) -> list[tuple[Site, ast.AST]]:
     return [(site, child) for child in ast.iter_child_nodes(node)]
 
 
-def _in_evaluations(pairs: Sequence[_ScalarPair]) -> Iterator[list[_ScalarPair]]:
+def _pairs_of_evaluations(pairs: Sequence[_ScalarPair]) -> Iterator[list[_ScalarPair]]:
     """Yield the pairs in parts of one function each, which one evaluation can have."""
     by_function: dict[tuple[Path, str], list[_ScalarPair]] = {}
     for pair in pairs:

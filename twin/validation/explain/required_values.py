@@ -23,15 +23,22 @@ from twin.validation.explain.analogies import analogies, scalar_values
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
-from twin.validation.explain.expression_shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
+from twin.validation.explain.expression_shifts import (
+    DERIVATIVE_STEP,
+    FlatShift,
+    Shift,
+    ShiftOfCalls,
+    newton_solution,
+    shifted,
+)
 from twin.validation.explain.function_source import Edit, Source, Statement, TextPlace, comprehension_targets
-from twin.validation.explain.inverse_operations import inverse
+from twin.validation.explain.inverse_operations import operand_values
 from twin.validation.explain.rebuilt_functions import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, entries_of, trial_residuals
-from twin.validation.explain.swivel import fitted
-from twin.validation.explain.term_texts import Atom, Products, at_poses, equal, factors, roots, sums, terms
+from twin.validation.explain.swivel import fitted_swivel
+from twin.validation.explain.term_texts import Atom, Products, are_equal, at_poses, factors, roots, sums, terms
 from twin.validation.explain.tokens import is_operation, is_sum, parents_of
-from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
+from twin.validation.explain.vector_texts import VECTOR_ENTRIES, vector_atoms, vector_texts
 
 _SHIFT_NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
@@ -39,7 +46,7 @@ _SHIFT_NAME = "_required_"
 _MOST_ATOMS = 200
 """Maximum number of values that may be terms."""
 
-_MOST_ENTRIES = 4
+_LONGEST_VECTOR = 4
 """Maximum number of entries of a vector of which each is such a value."""
 
 _COFUNCTIONS = {"sin": "cos", "cos": "sin"}
@@ -51,7 +58,7 @@ _LONGEST_TEXT = 100
 _MOST_CALLS = 6
 """Maximum number of calls of an expression in which it may have different values."""
 
-_MOST_EITHER = 6
+_MOST_ROOT_FORMULAS = 6
 """Maximum number of terms, and of factors, that give a square its required value by either root at each pose."""
 
 _MOST_EDITS = 40
@@ -90,7 +97,7 @@ class RequiredValues:
         for node in expressions(statement.node, parents):
             if self._is_left_out(source, node):
                 continue
-            for entries in (0, VECTOR):
+            for entries in (0, VECTOR_ENTRIES):
                 if self.deadline.passed:
                     return
                 solved = self._solved(source, statement, node, entries)
@@ -99,16 +106,16 @@ class RequiredValues:
                 if solved is None:
                     continue
                 if not entries:
-                    passed_on |= _of_operands(node, solved)
+                    passed_on |= _operand_shifts(node, solved)
                 calls = len(solved.scopes)
                 if calls not in atoms:
                     atoms[calls] = scalar_atoms(source, statement, solved, self.fixed)
-                writer = _written_vectors if entries else written
+                writer = _vector_edits if entries else edits_to_required
                 texts = writer(source, statement, node, parents, solved, atoms[calls])
                 yield from islice(texts, _MOST_EDITS)
                 if not entries and is_square(node):
                     products = Products(at_poses(atoms[calls], solved.valued_poses))
-                    yield from in_square(source, statement, node, parents, solved, atoms[calls], products)
+                    yield from edits_in_square(source, statement, node, parents, solved, atoms[calls], products)
 
     def _is_left_out(self, source: Source, node: ast.expr) -> bool:
         """Return whether an expression touches a fixed edit, or is in a scalar without a right value."""
@@ -130,7 +137,7 @@ class RequiredValues:
         base = self._residual(edit, at_zero, self._swivel)
         if base is None:
             return None
-        at_zero.added = np.full_like(at_zero.added, DIFFERENCE)
+        at_zero.added = np.full_like(at_zero.added, DERIVATIVE_STEP)
         moved_residuals = self._residual(edit, at_zero, self._swivel)
         if moved_residuals is None:
             return None
@@ -160,12 +167,12 @@ class RequiredValues:
     def in_calls(self, source: Source, statement: Statement, node: ast.expr) -> Shift | None:
         """Return the shift of a scalar that is computed several times; None for other expressions.
 
-        With it, the rows agree that the expression moves; see `Calls.flat`.
+        With it, the rows agree that the expression moves; see `ShiftOfCalls.flat`.
         """
         edit = shifted(source, statement, node, _SHIFT_NAME)
         shift = Shift(self.judge.reference.k)
         base = self._residual(edit, shift, self._swivel)
-        shift.added = np.full_like(shift.added, DIFFERENCE)
+        shift.added = np.full_like(shift.added, DERIVATIVE_STEP)
         moved_residuals = self._residual(edit, shift, self._swivel)
         if base is None or moved_residuals is None:
             return None
@@ -185,7 +192,7 @@ class RequiredValues:
         count = probe.call_count
         if not 1 < count <= _MOST_CALLS or self._swivel is not None:
             return None
-        shift = Calls(self.judge.reference.k, count)
+        shift = ShiftOfCalls(self.judge.reference.k, count)
 
         def residual(values: Array) -> Array | None:
             shift.added = values
@@ -195,7 +202,7 @@ class RequiredValues:
             return entries_of(by_row, rows)
 
         start = np.zeros_like(shift.added)
-        solved = solution(residual, start, lambda: shift.values.copy(), self.deadline)
+        solved = newton_solution(residual, start, lambda: shift.values.copy(), self.deadline)
         if solved is None:
             return None
         _, shift.valued_poses = solved
@@ -223,7 +230,7 @@ class RequiredValues:
                 return np.column_stack([shift.value, np.zeros(len(start))])
             return shift.value
 
-        solved = solution(residual, start, scale, self.deadline)
+        solved = newton_solution(residual, start, scale, self.deadline)
         if solved is None:
             return None
         _, shift.valued_poses = solved
@@ -248,7 +255,7 @@ class RequiredValues:
             return trial_residuals(self.judge, self.step, self.fixed, None, angle) or {}
 
         with unguarded():
-            return fitted(rows, self.judge.reference.k)
+            return fitted_swivel(rows, self.judge.reference.k)
 
 
 def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:
@@ -305,7 +312,7 @@ def _names_and_entries(source: Source, statement: Statement, scope: Mapping[str,
             size = len(value)
         elif isinstance(value, Matrix) and value.shape[1] == 1:
             size = value.shape[0]
-        if 0 < size <= _MOST_ENTRIES:
+        if 0 < size <= _LONGEST_VECTOR:
             for i in range(size):
                 yield f"{name}[{i}]"
         else:
@@ -329,7 +336,7 @@ def _scalar_texts(node: ast.AST) -> Iterator[str]:
             yield f"{cofunction}({angle.id})"
 
 
-def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
+def _terms_of_other_sums(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
     """Return, of each sum of the function, the terms that are among `atoms` and are no terms of `expression`."""
     own_terms = set(_summand_texts(expression))
     atoms_by_text: dict[str, Atom] = {}
@@ -361,7 +368,7 @@ def _summands(node: ast.expr) -> Iterator[ast.expr]:
         yield node
 
 
-def _replaced(
+def _replacement(
     source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str, kind: str
 ) -> Edit:
     """Return the edit that replaces an expression, in parentheses where it is part of another expression."""
@@ -370,7 +377,7 @@ def _replaced(
     return source.edit_of(statement, source.span(node), new, kind)
 
 
-def written(
+def edits_to_required(
     source: Source,
     statement: Statement,
     node: ast.expr,
@@ -387,28 +394,28 @@ def written(
     parent = parents.get(node)
 
     def edit(new: str, kind: str) -> Edit:
-        return _replaced(source, statement, node, parent, new, kind)
+        return _replacement(source, statement, node, parent, new, kind)
 
     x = shift.value[shift.valued_poses, 0]
     added = shift.added[shift.valued_poses, 0]
     required = x + added
     atoms = at_poses(atoms, shift.valued_poses)
-    if equal(required, -x):
+    if are_equal(required, -x):
         yield edit(f"-{factor_text}", "sign")
-    if equal(required, x**2):
+    if are_equal(required, x**2):
         yield edit(f"{factor_text}**2", "exponent")
     root = "sqrt"
     if "np." in source.text(statement.start, statement.end):
         root = "np.sqrt"
     with np.errstate(all="ignore"):
         ratio = required / x
-        is_root = equal(required, np.sqrt(x))
+        is_root = are_equal(required, np.sqrt(x))
     if is_root:
         yield edit(f"{root}({text})", "missing")
     if not is_sum(parent):  # a term of the sum is found at the sum
         for sign, term in terms(added, atoms):
             yield edit(f"{text} {sign} {term}", "missing")
-        for signed_terms in sums(added, _patterns(source, node, atoms)):
+        for signed_terms in sums(added, _terms_of_other_sums(source, node, atoms)):
             yield edit(f"{text} {signed_terms}", "missing")
         for sign, sign_value in (("+", 1.0), ("-", -1.0)):
             for term in roots(sign_value * added, atoms, root):
@@ -425,31 +432,31 @@ def written(
         yield edit(f"{factor} * {factor_text}", "missing")
 
 
-def _present(part: ast.expr, shift: Shift) -> Array | None:
+def _present_values(part: ast.expr, shift: Shift) -> Array | None:
     """Return the present values (k,) of a part of an expression in the scopes of a shift; None if it is no scalar."""
     return scalar_values(compile(ast.unparse(part), "<explain>", "eval"), shift)
 
 
-def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
-    """Return the shifts of the operands of an expression that give it its required value; see `inverse`."""
+def _operand_shifts(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
+    """Return the shifts of the operands of an expression that give it its required value; see `operand_values`."""
     required = shift.value[:, 0] + shift.added[:, 0]
     shifts: dict[ast.expr, Shift] = {}
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.expr):
             continue
-        needed = inverse(node, child, required, lambda part: _present(part, shift))
+        needed = operand_values(node, child, required, lambda part: _present_values(part, shift))
         if needed is None:
             continue
-        values = _present(child, shift)
+        values = _present_values(child, shift)
         if values is None or not np.isfinite((needed + values)[shift.valued_poses]).all():
             continue
         shifts[child] = _shift_of_part(shift, values, needed)
     return shifts
 
 
-def _shift_of_part(shift: Shift, values: Array, required: Array) -> Flat:
+def _shift_of_part(shift: Shift, values: Array, required: Array) -> FlatShift:
     """Return the shift of a part of an expression from its values (k,) to others (k,), in the scopes of `shift`."""
-    of_part = Flat(len(values), shift.scopes)
+    of_part = FlatShift(len(values), shift.scopes)
     of_part.valued_poses = shift.valued_poses
     of_part.value = values[:, None]
     of_part.added[shift.valued_poses, 0] = (required - values)[shift.valued_poses]
@@ -461,7 +468,7 @@ def is_square(node: ast.AST) -> TypeGuard[ast.BinOp]:
     return is_operation(node, ast.Pow) and ast.unparse(node.right) == "2"
 
 
-def in_square(
+def edits_in_square(
     source: Source,
     statement: Statement,
     node: ast.expr,
@@ -478,7 +485,7 @@ def in_square(
         return
 
     def value(part: ast.expr) -> Array | None:
-        return _present(part, shift)
+        return _present_values(part, shift)
 
     valued = shift.valued_poses
     with np.errstate(all="ignore"):
@@ -492,24 +499,24 @@ def in_square(
             with np.errstate(all="ignore"):
                 added = products.either(first[valued] - x, second[valued] - x)
                 ratios = products.either(first[valued] / x, second[valued] / x)
-            with_term = x + added[:_MOST_EITHER]
-            with_factor = x * ratios[:_MOST_EITHER]
+            with_term = x + added[:_MOST_ROOT_FORMULAS]
+            with_factor = x * ratios[:_MOST_ROOT_FORMULAS]
             for required in (*with_term, *with_factor):
-                of_part = Flat(len(present), shift.scopes)
+                of_part = FlatShift(len(present), shift.scopes)
                 of_part.valued_poses = valued
                 of_part.value = present[:, None]
                 of_part.added[valued, 0] = required - x
-                yield from islice(written(source, statement, part, parents, of_part, atoms), _MOST_EDITS)
+                yield from islice(edits_to_required(source, statement, part, parents, of_part, atoms), _MOST_EDITS)
         for child in ast.iter_child_nodes(part):
             if not isinstance(child, ast.expr):
                 continue
-            above = inverse(part, child, first, value)
-            below = inverse(part, child, second, value)
+            above = operand_values(part, child, first, value)
+            below = operand_values(part, child, second, value)
             if above is not None and below is not None:
                 todo.append((child, above, below))
 
 
-def _written_vectors(
+def _vector_edits(
     source: Source,
     statement: Statement,
     node: ast.expr,
@@ -524,4 +531,4 @@ def _written_vectors(
     scalars = at_poses(atoms, valued)
     vectors = at_poses(vector_atoms(source, shift.scope, len(valued)), valued)
     for new in vector_texts(text, node, shift.value[valued], shift.added[valued], scalars, vectors):
-        yield _replaced(source, statement, node, parents.get(node), new, "missing")
+        yield _replacement(source, statement, node, parents.get(node), new, "missing")

@@ -26,10 +26,10 @@ from twin.formula.variant_choice import choose
 from twin.validation.explain import plain_values, rebuilt_functions
 from twin.validation.explain.equation_steps import Helper, RowKey, RowPlace, Step, Tolerance
 from twin.validation.explain.expression_shifts import Shift
-from twin.validation.explain.function_source import OUT, Edit, Source, Statement
+from twin.validation.explain.function_source import RETURN_NAME, Edit, Source, Statement
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, to_array
 from twin.validation.explain.reference_values import ReferenceValues
-from twin.validation.explain.swivel import fitted
+from twin.validation.explain.swivel import fitted_swivel
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
@@ -219,7 +219,7 @@ class Judge:
         label = f"{step.equation.name} ({step.variant})"
         try:
             for statement, code in zip(step.source.statements, step.codes, strict=True):
-                step.before.append(plain_values.copied(scope))
+                step.before.append(plain_values.with_copied_values(scope))
                 try:
                     exec(code, scope)
                 except (NameError, IndexError) as error:
@@ -264,7 +264,7 @@ class Judge:
             raise error
         for i, name in enumerate(statement.writes):
             self._store_without_value(step.place(statement.index, i, name, statement.line), residuals)
-            scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
+            scope[name] = plain_values.to_function_form(step.plain, self.reference.symbols[name])
         return frozenset({(statement.index, -1)})
 
     def _run_elements(
@@ -290,11 +290,11 @@ class Judge:
                 if outputs[i] not in step.known_outputs:
                     raise
                 places.add((statement.index, i))
-                scope[OUT] = _NO_VALUE
-            values.append(scope[OUT])
+                scope[RETURN_NAME] = _NO_VALUE
+            values.append(scope[RETURN_NAME])
         if len(places) == len(codes):
             raise error
-        scope[OUT] = tuple(values)
+        scope[RETURN_NAME] = tuple(values)
         return frozenset(places)
 
     def _count_as_wrong(self, step: Step, statement: Statement, residuals: Residuals) -> None:
@@ -329,7 +329,7 @@ class Judge:
             return self._rerun(step, edits, extra, True, with_later=False)
 
         with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
-            step.swivel = {self.reference.free_parameter: fitted(rows, self.reference.k)}
+            step.swivel = {self.reference.free_parameter: fitted_swivel(rows, self.reference.k)}
 
     def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
         """Return the variables with which an equation starts: its globals and its arguments."""
@@ -352,13 +352,13 @@ class Judge:
             place = step.place(statement.index, i, name, statement.line)
             if place in residuals:  # the statement has no value
                 continue
-            value = plain_values.outside(step.plain, scope[name])
+            value = plain_values.from_function_form(step.plain, scope[name])
             residuals[place] = self.difference(name, value)
-            scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
+            scope[name] = plain_values.to_function_form(step.plain, self.reference.symbols[name])
 
     def _outputs(self, step: Step, scope: Mapping[str, Value], residuals: Residuals) -> dict[str, Value]:
         """Return the outputs of an equation that was run, and store the residuals of the known ones."""
-        values = returned_values(step, scope[OUT])
+        values = returned_values(step, scope[RETURN_NAME])
         names = step.equation.outputs
         if len(values) != len(names):
             raise ValueError(f"{len(values)} values for {len(names)} outputs")
@@ -515,7 +515,7 @@ class Judge:
             scope = self._environment(step, step.computed)
         else:
             first = min(edited)
-            scope = plain_values.copied(step.before[first])
+            scope = plain_values.with_copied_values(step.before[first])
         from_start |= step.stuck  # there is no earlier result to reuse
         self._define_arguments(step, edits, scope)
         for name, value in extra.items():
@@ -537,7 +537,7 @@ class Judge:
             # What the statement writes does not change, because its inputs do not change.
             after = step.before[i + 1]
             for name in names:
-                scope[name] = plain_values.copied({name: after[name]})[name]
+                scope[name] = plain_values.with_copied_values({name: after[name]})[name]
                 changed_variables.discard(name)
         outputs = self._outputs(step, scope, residuals)
         changed = set(outputs).difference(self.reference.kinds)
@@ -585,7 +585,7 @@ class Judge:
             name = edit.define[0]
             for values in (step.computed, self.reference.symbols):
                 if name in values:
-                    scope.setdefault(name, plain_values.inside(step.plain, values[name]))
+                    scope.setdefault(name, plain_values.to_function_form(step.plain, values[name]))
 
     def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], residuals: Residuals) -> None:
         """Run the later equations that use changed outputs, and store their residuals."""
@@ -597,7 +597,7 @@ class Judge:
                 computed = {**later.output_values, **computed}
                 continue
             # Do not reuse earlier results: a helper that this equation calls may be edited.
-            scope = {**plain_values.copied(later.before[0]), **later.scope}
+            scope = {**plain_values.with_copied_values(later.before[0]), **later.scope}
             if later.plain is not None:
                 scope |= plain_values.arguments(later.plain, {**self.reference.symbols, **computed})
             else:
@@ -630,8 +630,8 @@ class Judge:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
         variables: dict[str, Value] = {}
         for name, value in {**step.computed, **self.reference.symbols}.items():
-            variables[name] = plain_values.inside(step.plain, value)
-        return plain_values.copied(variables | self._environment(step, step.computed))
+            variables[name] = plain_values.to_function_form(step.plain, value)
+        return plain_values.with_copied_values(variables | self._environment(step, step.computed))
 
     def residuals_after(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
         """Return the residuals after `statement` was run in `scope`: of its rows, of later ones, of later equations.
@@ -671,7 +671,7 @@ def _add_helpers(source: Source, scope: Mapping[str, Value], helpers_by_identity
         function = scope.get(name)
         if not isinstance(function, FunctionType) or id(function) in helpers_by_identity:
             continue
-        if not rebuilt_functions.of_formula(function):  # functions of the library are right
+        if not rebuilt_functions.is_of_formula(function):  # functions of the library are right
             continue
         try:
             called = Source(function)
@@ -704,7 +704,7 @@ def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
 def returned_values(step: Step, value: Value) -> list[Value]:
     """Split what the function of a step returned into one value for each output."""
     if step.plain is not None:
-        value = plain_values.parts(step.plain, value)
+        value = plain_values.output_values(step.plain, value)
     if isinstance(value, tuple | list):
         return list(value)
     return [value]

@@ -12,11 +12,11 @@ from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import Helper, RowKey, Step
 from twin.validation.explain.function_source import Edit, Source, Statement, TextPlace
-from twin.validation.explain.name_pool import pool
+from twin.validation.explain.name_pool import name_pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.statement_edits import statement_edits
-from twin.validation.explain.suspect_statements import available
+from twin.validation.explain.suspect_statements import available_symbols
 from twin.validation.explain.trials import Trials
 
 _REQUIRED_PART = 0.4
@@ -83,8 +83,8 @@ class SingleEdits:
                 sites.append((step, statement))
         for n, (step, statement) in enumerate(sites):
             self.progress(n / len(sites))
-            symbols = available(self.judge, step)
-            names = pool(step.source, statement, symbols, self.trials.parameters, step.scope)
+            symbols = available_symbols(self.judge, step)
+            names = name_pool(step.source, statement, symbols, self.trials.parameters, step.scope)
             # Other equations may call this equation's function.
             others = self.trials.callers(step.source, step)
             edits = list(statement_edits(step.source, statement, names, kinds))
@@ -122,7 +122,7 @@ class SingleEdits:
             for statement in source.statements:
                 arguments = set(source.arguments)
                 scope = helper.function.__globals__
-                names = pool(source, statement, arguments, self.trials.parameters, scope)
+                names = name_pool(source, statement, arguments, self.trials.parameters, scope)
                 for edit in statement_edits(source, statement, names, kinds):
                     if self._is_late():
                         return candidates

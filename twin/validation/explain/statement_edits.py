@@ -15,7 +15,7 @@ from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.tokens import is_operation, is_sum, other_parentheses, parents_of
 
-_FUNCTIONS = (
+_CONFUSED_FUNCTIONS = (
     ("sin", "cos", "tan"),
     ("asin", "acos", "atan"),
     ("arcsin", "arccos", "arctan"),
@@ -27,7 +27,7 @@ _FUNCTIONS = (
 )
 """Groups of functions that are misprinted for each other."""
 
-_OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
+_CONFUSED_OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
     ast.Add: ("+", ("-", "*")),
     ast.Sub: ("-", ("+", "*")),
     ast.Mult: ("*", ("/", "+", "-")),
@@ -35,13 +35,13 @@ _OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
 }
 """The sign of each operator, and the signs that may stand in its place."""
 
-_NEAR_NUMBERS = {0, 1, 2, 3, 4, 6}
+_FREQUENT_NUMBERS = {0, 1, 2, 3, 4, 6}
 """Numbers that are tried instead of any other: they are frequent in equations."""
 
-_MOST_INDICES = 4
+_TRIED_INDICES = 4
 """Number of indices that are tried, from 0 on: of a vector, or of a row or column of a pose."""
 
-_SUM = (ast.Add, ast.Sub)
+_SUM_OPERATORS = (ast.Add, ast.Sub)
 """Operators between the terms of a sum."""
 
 
@@ -49,14 +49,24 @@ def statement_edits(source: Source, statement: Statement, pool: NamePool, kinds:
     """Yield the edits of a statement that have one of the given kinds."""
     yielded: set[tuple[int, int, str]] = set()
     writer = _Writer(source, statement, pool)
-    for generate in (_names, _calls, _quotients, _signs, _operators, _numbers, _sides, _terms, _factors):
+    for generate in (
+        _name_edits,
+        _call_edits,
+        _quotient_edits,
+        _sign_edits,
+        _operator_edits,
+        _number_edits,
+        _left_side_edits,
+        _term_edits,
+        _factor_edits,
+    ):
         for edit in generate(writer, statement.node):
             key = (edit.start, edit.end, edit.new)
             if edit.kind in kinds and key not in yielded and edit.new != edit.old:
                 yielded.add(key)
                 yield edit
     if "parenthesis" in kinds:
-        yield from _parentheses(writer, statement.node)
+        yield from _parenthesis_edits(writer, statement.node)
 
 
 class _Writer:
@@ -130,7 +140,7 @@ def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[s
     return "name"
 
 
-def _names(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _name_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other names instead of each name."""
     choices = sorted(writer.pool.names | set(writer.pool.aliases))
     symbols = writer.pool.names | writer.pool.arguments | writer.pool.unknown
@@ -146,7 +156,7 @@ def _names(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
                 yield writer.replace(node, new, kind, writer.need(new))
 
 
-def _calls(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _call_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other functions, and other orders of arguments and of factors of matrix products."""
     for node in _expressions(root):
         if isinstance(node, ast.Attribute):
@@ -162,7 +172,7 @@ def _calls(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
 
 def _other_attributes(writer: _Writer, node: ast.Attribute) -> Iterator[Edit]:
     """Yield other functions of the same module, as in `symbolic.cross`, and a matrix without its transposition."""
-    for group in _FUNCTIONS:
+    for group in _CONFUSED_FUNCTIONS:
         if node.attr not in group:
             continue
         module = writer.text(node.value)
@@ -175,7 +185,7 @@ def _other_attributes(writer: _Writer, node: ast.Attribute) -> Iterator[Edit]:
 def _other_calls(writer: _Writer, node: ast.Call) -> Iterator[Edit]:
     """Yield calls of other functions, calls with two arguments exchanged, and the argument without the call."""
     if isinstance(node.func, ast.Name):
-        for group in _FUNCTIONS:
+        for group in _CONFUSED_FUNCTIONS:
             if node.func.id not in group:
                 continue
             kind = "function"
@@ -192,7 +202,7 @@ def _other_calls(writer: _Writer, node: ast.Call) -> Iterator[Edit]:
         yield writer.replace(node, f"({writer.text(node.args[0])})", "surplus")
 
 
-def _quotients(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _quotient_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield `atan2(n, d)` instead of `atan(n / d)`, which has angles of two quadrants only."""
     for node in _expressions(root):
         if not isinstance(node, ast.Call) or len(node.args) != 1:
@@ -206,7 +216,7 @@ def _quotients(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield writer.replace(node, new, "function")
 
 
-def _signs(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _sign_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a minus sign, or put one in front of an operand."""
     for node in _expressions(root):
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -250,12 +260,12 @@ def _is_plain(node: ast.AST) -> bool:
     return isinstance(node, ast.Name | ast.Call | ast.Subscript)
 
 
-def _operators(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _operator_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other operators between two operands."""
     for node in _expressions(root):
-        if not isinstance(node, ast.BinOp) or type(node.op) not in _OPERATORS:
+        if not isinstance(node, ast.BinOp) or type(node.op) not in _CONFUSED_OPERATORS:
             continue
-        sign, others = _OPERATORS[type(node.op)]
+        sign, others = _CONFUSED_OPERATORS[type(node.op)]
         _, start = writer.source.span(node.left)
         end, _ = writer.source.span(node.right)
         gap = writer.source.text(start, end)
@@ -270,7 +280,7 @@ def _operators(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield writer.between(at_byte, at_byte + 1, other_sign, kind)
 
 
-def _numbers(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _number_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other numbers instead of each number, and other fractions of pi."""
     for node in _expressions(root):
         # a bool is an int, but no number of an equation
@@ -294,7 +304,7 @@ def _other_numbers(writer: _Writer, node: ast.Constant, number: float) -> Iterat
     if isinstance(parent, ast.Tuple):
         in_index = isinstance(writer.parent(parent), ast.Subscript)
     if in_index:
-        for i in range(_MOST_INDICES):
+        for i in range(_TRIED_INDICES):
             yield writer.replace(node, str(i), "index")
         return
     if is_operation(parent, ast.Pow) and parent.right is node:
@@ -302,7 +312,7 @@ def _other_numbers(writer: _Writer, node: ast.Constant, number: float) -> Iterat
         for i in (1, 2, 3, 4):
             yield writer.replace(node, str(i), "exponent")
         return
-    others = {number + 1, number - 1, 2 * number, number / 2} | _NEAR_NUMBERS
+    others = {number + 1, number - 1, 2 * number, number / 2} | _FREQUENT_NUMBERS
     for other_number in sorted(others - {number}):
         if other_number >= 0:
             yield writer.replace(node, f"{other_number:g}", "number")
@@ -313,7 +323,7 @@ def _other_numbers(writer: _Writer, node: ast.Constant, number: float) -> Iterat
             yield writer.replace(node, text, "number")
 
 
-def _sides(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _left_side_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits of the index of the symbol on the left side of an implicit row."""
     if root is not writer.statement.node or not isinstance(root, ast.Assign):
         return
@@ -325,7 +335,7 @@ def _sides(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield writer.replace(target, other_name, "left side")
 
 
-def _terms(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _term_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
         if is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
@@ -336,12 +346,12 @@ def _terms(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
         if _is_whole(writer, node):
             _, end = writer.source.span(node)
             if _has_square(node):
-                yield from _squares(writer, node)
+                yield from _square_edits(writer, node)
             for name in sorted(writer.pool.names):
                 for sign in "+-":
                     yield writer.inserted(end, f" {sign} {name}", "missing", writer.need(name))
         elif _is_inner_sum(writer, node) and _has_square(node):
-            yield from _roots(writer, node)
+            yield from _root_edits(writer, node)
         elif isinstance(node, ast.Name) and _is_multiplied(writer, node):
             for name in sorted(writer.pool.names - {node.id}):
                 for sign in "+-":
@@ -391,16 +401,16 @@ def _end_of_base(writer: _Writer, node: ast.expr) -> int | None:
     return None
 
 
-def _squares(writer: _Writer, node: ast.expr) -> Iterator[Edit]:
+def _square_edits(writer: _Writer, node: ast.expr) -> Iterator[Edit]:
     """Yield edits of an expression with squares: its square root, and one more square."""
     _, end = writer.source.span(node)
-    yield from _roots(writer, node)
+    yield from _root_edits(writer, node)
     for name in sorted(writer.pool.names):
         for sign in "+-":
             yield writer.inserted(end, f" {sign} {name}**2", "missing", writer.need(name))
 
 
-def _roots(writer: _Writer, node: ast.expr) -> Iterator[Edit]:
+def _root_edits(writer: _Writer, node: ast.expr) -> Iterator[Edit]:
     """Yield the edits that put an expression under a square root, as the file writes it."""
     names = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", writer.source.data.decode())
     for name in sorted(set(names)):
@@ -422,14 +432,14 @@ def _is_inner_sum(writer: _Writer, node: ast.AST) -> bool:
     parent = writer.parent(node)
     if not (is_sum(node) and isinstance(parent, ast.BinOp)):
         return False
-    return not (is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
+    return not (is_operation(parent, *_SUM_OPERATORS, ast.Pow) and parent.left is node)
 
 
-def _factors(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _factor_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that add a factor to a term of a sum, or to a whole expression without a sum."""
     names = sorted(writer.pool.names | set(writer.pool.aliases))
     for node in _expressions(root):
-        if not (is_operation(writer.parent(node), *_SUM) or _is_whole(writer, node)):
+        if not (is_operation(writer.parent(node), *_SUM_OPERATORS) or _is_whole(writer, node)):
             continue
         # a factor before a sum would belong to its first term, which is a node of its own
         if isinstance(node, ast.Tuple | ast.UnaryOp) or is_sum(node):
@@ -441,7 +451,7 @@ def _factors(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
         yield writer.inserted(start, "0.5 * ", "missing")
 
 
-def _parentheses(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _parenthesis_edits(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits of parentheses: move one end, remove a pair, add a pair."""
     start, end = writer.source.span(root)
     if isinstance(root, ast.Return) and root.value is not None:

@@ -21,21 +21,21 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
-from twin.validation.explain.candidate import TOKENS
+from twin.validation.explain.candidate import TOKEN_KINDS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
-from twin.validation.explain.function_source import OUT, ByteRange, Edit, Statement, TextPlace
-from twin.validation.explain.operand_pairs import Evaluated, form, operand_pairs, stacked, tiled
-from twin.validation.explain.plain_values import copied
+from twin.validation.explain.function_source import RETURN_NAME, ByteRange, Edit, Statement, TextPlace
+from twin.validation.explain.operand_pairs import EvaluatedPairs, operand_pairs, stacked, tiled, value_form
+from twin.validation.explain.plain_values import with_copied_values
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.tokens import is_sum, names_in
 
-_MOST_PAIRS = 100_000
+_MOST_PAIRS_AT_ONCE = 100_000
 """Maximum number of pairs in one evaluation."""
 
-_VECTOR = 3
+_VECTOR_ENTRIES = 3
 """Number of entries of a vector."""
 
 _LONGEST_TEXT = 60
@@ -47,34 +47,34 @@ _MOST_TEXTS = 24
 _MOST_PRODUCTS = 60
 """Maximum number of products of a scalar and a vector that are added as terms."""
 
-_MOST_FOUND = 60
+_MOST_YIELDED_PAIRS = 60
 """Maximum number of pairs that are yielded of two statements, or of one."""
 
-_MOST_IN_ONE = 2000
+_MOST_RANKED_PAIRS = 2000
 """Maximum number of pairs in one statement of which those with the likeliest kinds are chosen."""
 
-_THIRDS = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
+_SWIVEL_ANGLES = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 """Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
 
-_FOURTH_ANGLE = 1.0
+_LINEARITY_ANGLE = 1.0
 """Another value, at which it is tested whether rows are linear in them."""
 
-_ROUNDING = 1e-9
+_LINEARITY_ROUNDING = 1e-9
 """Relative difference that rounding may cause."""
 
-_PARALLEL = 1e-10
+_SMALLEST_DETERMINANT_RATIO = 1e-10
 """Relative size of a determinant below which the parts with sine and cosine are parallel."""
 
-_NEAR = 1e3
+_LARGEST_SOUGHT_RESIDUAL = 1e3
 """Residual, in units of the tolerance, up to which an angle is sought."""
 
-_OFF_CIRCLE = 1e-3
+_LARGEST_CIRCLE_ERROR = 1e-3
 """Difference of cosine^2 + sine^2 from 1 up to which an angle is sought."""
 
-_STARTS = 16
+_SWIVEL_STARTS = 16
 """Number of start values of the swivel angle."""
 
-_STEPS = 6
+_SWIVEL_STEPS = 6
 """Number of steps of Gauss-Newton from the best start value."""
 
 _NO_SLOPE = 1e-300
@@ -88,7 +88,7 @@ _Residuals = tuple[list[tuple[Edit, ...]], dict[RowKey, Array]]
 
 
 @dataclass
-class _Values:
+class _WrittenValues:
     """Edits (or pairs of edits) of a statement, with the values that it then writes, as one array for all edits."""
 
     edits: list[tuple[Edit, ...]] = field(default_factory=list)
@@ -107,7 +107,7 @@ class StatementPairs:
         self.rows = list(rows)
         self.sites = sorted(sites, key=lambda site: site.statement.index)
         self._codes: dict[tuple[Edit, ...], CodeType | None] = {}
-        self._first_values_of: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_Values]] = {}
+        self._first_values_of: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_WrittenValues]] = {}
         """Values after edits of a statement, by its index, the edits and the swivel angle."""
 
     def apart(self, deadline: Deadline, scalars: Sequence[TextPlace] = ()) -> Iterator[tuple[Edit, Edit]]:
@@ -147,7 +147,7 @@ class StatementPairs:
             if not self._undefined.keys() <= {site.statement.index}:  # names elsewhere would have no value
                 continue
             edits = self._all[site.statement.index]
-            runs: list[list[Evaluated]] = []
+            runs: list[list[EvaluatedPairs]] = []
             with unguarded(), np.errstate(all="ignore"):
                 for angle in self._angles:
                     scope = self._before(site.statement, angle)
@@ -157,12 +157,12 @@ class StatementPairs:
             if len(runs) < len(self._angles):
                 continue
             pairs: list[tuple[Edit, Edit]] = []
-            for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_IN_ONE):
+            for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_RANKED_PAIRS):
                 (first,) = edits_of_first
                 (second,) = edits_of_second
                 pairs.append((first, second))
             pairs.sort(key=_edits_of_other_kinds)  # misprints of one token are likeliest
-            yield from pairs[:_MOST_FOUND]
+            yield from pairs[:_MOST_YIELDED_PAIRS]
 
     def likely_edits(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
@@ -186,7 +186,7 @@ class StatementPairs:
         for at_angles in zip(*runs, strict=False):
             trials, _ = at_angles[0]
             residuals_at_angles = [residuals for _, residuals in at_angles]
-            for n in _agreeing(residuals_at_angles, self.rows):
+            for n in _agreeing_trials(residuals_at_angles, self.rows):
                 possible.update(trials[n])
         return possible
 
@@ -194,7 +194,7 @@ class StatementPairs:
         self, statement: Statement, edits: Sequence[Edit], scope: _Scope, deadline: Deadline
     ) -> Iterator[_Residuals]:
         """Yield edits of a statement after which its values have one form, with the residuals of rows after each."""
-        for values in self._each(statement, _alone(edits), scope, 1, deadline):
+        for values in self._each(statement, _single_trials(edits), scope, 1, deadline):
             entered = self._entered(statement, values, scope, 1)
             residuals = self._residuals_after(statement, entered, len(values.edits))
             yield values.edits, residuals or {}
@@ -203,7 +203,7 @@ class StatementPairs:
     def _angles(self) -> tuple[float | None, ...]:
         """The swivel angles in rad at which rows are evaluated; one None without a swivel."""
         if self.step.swivel:
-            return _THIRDS
+            return _SWIVEL_ANGLES
         return (None,)
 
     @cached_property
@@ -214,7 +214,7 @@ class StatementPairs:
         last = self.step.source.statements[-1]
         at_angles: list[dict[RowKey, Array]] = []
         with unguarded(), np.errstate(all="ignore"):
-            for angle in (*_THIRDS, _FOURTH_ANGLE):
+            for angle in (*_SWIVEL_ANGLES, _LINEARITY_ANGLE):
                 scope = self._before(last, angle)
                 if scope is None or not self._between([last], scope):
                     return False
@@ -228,9 +228,9 @@ class StatementPairs:
             if not np.isfinite(np.hstack([mean, cosine, sine, at_fourth])).all():
                 continue
             # Three angles determine the three parts; the fourth one shows whether there are no others.
-            predicted = mean + cosine * np.cos(_FOURTH_ANGLE) + sine * np.sin(_FOURTH_ANGLE)
+            predicted = mean + cosine * np.cos(_LINEARITY_ANGLE) + sine * np.sin(_LINEARITY_ANGLE)
             size = np.abs(at_fourth).max() + np.abs(mean).max()
-            if not np.abs(predicted - at_fourth).max() <= _ROUNDING * size:
+            if not np.abs(predicted - at_fourth).max() <= _LINEARITY_ROUNDING * size:
                 return False
         return True
 
@@ -255,9 +255,9 @@ class StatementPairs:
                 continue
             if isinstance(parent, ast.Assign) and node in parent.targets:
                 continue
-            is_whole = _is_result(parent)
+            is_whole = _gives_result(parent)
             if isinstance(parent, ast.Tuple):
-                is_whole = _is_result(site.parents.get(parent))
+                is_whole = _gives_result(site.parents.get(parent))
             start, end = site.source.span(node)
             if is_whole:
                 for text in vectors:
@@ -276,10 +276,10 @@ class StatementPairs:
         for statement in site.source.statements:
             names.update(statement.writes)
         for name in sorted(names & site.pool.names & site.pool.arguments):
-            kind = form(scope.get(name), 1)
+            kind = value_form(scope.get(name), 1)
             if kind == "scalar":
                 scalars.append(name)
-            elif kind == (_VECTOR, 1):
+            elif kind == (_VECTOR_ENTRIES, 1):
                 vectors.append(name)
         if len(vectors) * len(scalars) > _MOST_PRODUCTS:
             return []
@@ -303,10 +303,10 @@ class StatementPairs:
                 if len(text) > _LONGEST_TEXT:
                     break
                 try:
-                    text_form = form(eval(text, dict(scope)), 1)
+                    text_form = value_form(eval(text, dict(scope)), 1)
                 except Exception:  # values of other forms than in the function from which the text is
                     continue
-                if text_form == (_VECTOR, 1):
+                if text_form == (_VECTOR_ENTRIES, 1):
                     if not is_call[text]:
                         text = f"({text})"
                     vectors.append(text)
@@ -337,7 +337,7 @@ class StatementPairs:
         """The edits of one token of each statement, by its index."""
         edits_of_tokens: dict[int, list[Edit]] = {}
         for site in self.sites:
-            edits_of_tokens[site.statement.index] = [edit for edit in site.edits if edit.kind in TOKENS]
+            edits_of_tokens[site.statement.index] = [edit for edit in site.edits if edit.kind in TOKEN_KINDS]
         return edits_of_tokens
 
     def _pairs(
@@ -351,18 +351,18 @@ class StatementPairs:
         """Yield pairs of an edit of `first` and one of `second`."""
         if not firsts or not seconds:
             return
-        trials = _alone(firsts)
-        runs: list[list[Evaluated]] = []
+        trials = _single_trials(firsts)
+        runs: list[list[EvaluatedPairs]] = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
                 runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
-        for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_FOUND):
+        for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_YIELDED_PAIRS):
             (first_edit,) = edits_of_first
             (second_edit,) = edits_of_second
             yield first_edit, second_edit
 
     def _agreeing_pairs(
-        self, runs: Sequence[Sequence[Evaluated]], most: int
+        self, runs: Sequence[Sequence[EvaluatedPairs]], most: int
     ) -> Iterator[tuple[tuple[Edit, ...], tuple[Edit, ...]]]:
         """Yield (edits of the second place, edits of the first one) after which a row agrees, for each swivel angle.
 
@@ -379,7 +379,7 @@ class StatementPairs:
                 residuals.append(residuals_at_angle)
             if not has_same_pairs:
                 continue
-            for pair in _agreeing(residuals, self.rows):
+            for pair in _agreeing_trials(residuals, self.rows):
                 count += 1
                 if count > most:
                     return
@@ -394,7 +394,7 @@ class StatementPairs:
         seconds: Sequence[Edit],
         angle: float | None,
         deadline: Deadline,
-    ) -> Iterator[Evaluated]:
+    ) -> Iterator[EvaluatedPairs]:
         """Yield edits of the second statement, edits of the first, and the residuals (pairs, entries) of rows.
 
         All edits of the first statement come with the first edit of the second one, then with the next one.
@@ -408,9 +408,9 @@ class StatementPairs:
             between = self.step.source.statements[first.index + 1 : second.index]
             if not self._between(between, changed):
                 continue
-            most = max(_MOST_PAIRS // size, 1)
+            most = max(_MOST_PAIRS_AT_ONCE // size, 1)
             for start in range(0, len(seconds), most):
-                part = _alone(seconds[start : start + most])
+                part = _single_trials(seconds[start : start + most])
                 for second_values in self._each(second, part, changed, size, deadline):
                     entered = self._entered(second, second_values, changed, size)
                     residuals = self._residuals_after(second, entered, size * len(second_values.edits))
@@ -445,10 +445,10 @@ class StatementPairs:
 
     def _each(
         self, statement: Statement, trials: Sequence[tuple[Edit, ...]], scope: _Scope, size: int, deadline: Deadline
-    ) -> Iterator[_Values]:
+    ) -> Iterator[_WrittenValues]:
         """Yield the values that a statement writes after each of some edits, those of the same form together."""
-        names = (OUT,) if statement.returns else statement.writes
-        by_form: dict[Value, _Values] = {}
+        names = (RETURN_NAME,) if statement.returns else statement.writes
+        by_form: dict[Value, _WrittenValues] = {}
         filled: _Scope = {}  # a statement may change these in place
         for name, value in scope.items():
             if isinstance(value, list | dict):
@@ -459,16 +459,16 @@ class StatementPairs:
             code = self._compiled(statement, edits)
             if code is None:
                 continue
-            own_scope = {**scope, **copied(filled)}
+            own_scope = {**scope, **with_copied_values(filled)}
             try:
                 exec(code, own_scope)
                 written = [own_scope[name] for name in names]
             except Exception:  # an edit may be any invalid text: a name without value, vectors of other lengths
                 continue
-            forms = [form(value, size) for value in written]
+            forms = [value_form(value, size) for value in written]
             if None in forms:
                 continue
-            values = by_form.setdefault(tuple(forms), _Values())
+            values = by_form.setdefault(tuple(forms), _WrittenValues())
             values.edits.append(edits)
             values.written.append(written)
         yield from by_form.values()
@@ -480,7 +480,7 @@ class StatementPairs:
         scope: _Scope,
         angle: float | None,
         end: Deadline,
-    ) -> list[_Values]:
+    ) -> list[_WrittenValues]:
         """Return what `_each` yields for the first edited statement; it is kept, because many statements may follow."""
         key = (statement.index, tuple(trials), angle)
         if key not in self._first_values_of:
@@ -498,13 +498,13 @@ class StatementPairs:
                 self._codes[edits] = None
         return self._codes[edits]
 
-    def _entered(self, statement: Statement, values: _Values, scope: _Scope, size: int) -> _Scope:
+    def _entered(self, statement: Statement, values: _WrittenValues, scope: _Scope, size: int) -> _Scope:
         """Return a scope with the values of all edits, each of which has `size` values, as one array."""
         count = len(values.edits)
         entered: _Scope = {}
         for name, value in scope.items():
             entered[name] = tiled(value, size, count)
-        names = (OUT,) if statement.returns else statement.writes
+        names = (RETURN_NAME,) if statement.returns else statement.writes
         for n, name in enumerate(names):
             values_of_name = [written[n] for written in values.written]
             entered[name] = stacked(values_of_name, size)
@@ -523,7 +523,7 @@ class StatementPairs:
         return residuals
 
 
-def _alone(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
+def _single_trials(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
     """Return edits each of which is tried alone."""
     return [(edit,) for edit in edits]
 
@@ -546,10 +546,10 @@ def _outside_and_inside(edits: Sequence[Edit], places: Sequence[TextPlace]) -> t
 def _edits_of_other_kinds(pair: tuple[Edit, Edit]) -> int:
     """Return how many of two edits change more than one token."""
     first, second = pair
-    return (first.kind not in TOKENS) + (second.kind not in TOKENS)
+    return (first.kind not in TOKEN_KINDS) + (second.kind not in TOKEN_KINDS)
 
 
-def _is_result(node: ast.AST | None) -> bool:
+def _gives_result(node: ast.AST | None) -> bool:
     """Return whether a statement assigns or returns a value."""
     return isinstance(node, ast.Assign | ast.Return)
 
@@ -568,7 +568,7 @@ def inner_terms(site: Site) -> Iterator[Edit]:
                 yield site.insertion(end, new)
 
 
-def _agreeing(at_angles: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:
+def _agreeing_trials(at_angles: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:
     """Return the indices of the pairs after which a row agrees, those first after which most rows do.
 
     `at_angles`: residuals (pairs, entries) by row, for each value of the swivel.
@@ -594,7 +594,7 @@ def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Ar
 
 
 def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
-    """Return the residuals (n, entries) at the best swivel angle of each pair, from those at the angles `_THIRDS`."""
+    """Return the residuals (n, entries) at the best swivel angle of each pair, from those at `_SWIVEL_ANGLES`."""
     mean, cosine, sine = _harmonics(zero, ahead, back)
     residuals = np.full_like(zero, np.inf)
     possible = np.flatnonzero(_may_vanish(mean, cosine, sine))
@@ -607,12 +607,12 @@ def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
 
     best = np.zeros(len(mean))
     least = np.full(len(mean), np.inf)
-    for start in np.linspace(0, 2 * np.pi, _STARTS, endpoint=False):
+    for start in np.linspace(0, 2 * np.pi, _SWIVEL_STARTS, endpoint=False):
         angle = np.full(len(mean), start)
         size = np.sum(at(angle) ** 2, axis=1)
         best = np.where(size < least, angle, best)
         least = np.fmin(size, least)
-    for _ in range(_STEPS):
+    for _ in range(_SWIVEL_STEPS):
         slope = sine * np.cos(best)[:, None] - cosine * np.sin(best)[:, None]
         size = np.maximum(np.sum(slope**2, axis=1), _NO_SLOPE)
         step = np.sum(slope * at(best), axis=1) / size
@@ -633,7 +633,7 @@ def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
     cm = np.sum(cosine * mean, axis=1)
     sm = np.sum(sine * mean, axis=1)
     determinant = cc * ss - cs * cs
-    determined = determinant > _PARALLEL * cc * ss
+    determined = determinant > _SMALLEST_DETERMINANT_RATIO * cc * ss
     with np.errstate(all="ignore"):  # the quotients of the other case
         # if both parts are parallel, the larger one alone
         x_alone = np.where(cc >= ss, -cm / cc, 0.0)
@@ -641,5 +641,5 @@ def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
         x = np.where(determined, (cs * sm - ss * cm) / determinant, x_alone)
         y = np.where(determined, (cs * cm - cc * sm) / determinant, y_alone)
     least = np.abs(mean + cosine * x[:, None] + sine * y[:, None]).max(axis=1)
-    on_circle = np.abs(x**2 + y**2 - 1) <= _OFF_CIRCLE
-    return (least <= _NEAR) & (~determined | on_circle)
+    on_circle = np.abs(x**2 + y**2 - 1) <= _LARGEST_CIRCLE_ERROR
+    return (least <= _LARGEST_SOUGHT_RESIDUAL) & (~determined | on_circle)

@@ -19,7 +19,7 @@ def suspects(judge: Judge, place: RowPlace) -> dict[str, set[int]]:
     return statements
 
 
-def unread(step: Step) -> set[int]:
+def unread_statements(step: Step) -> set[int]:
     """Return the indices of statements whose results no later statement reads, and no row compares.
 
     A result that nobody reads is itself a hint: a later statement may have another name in its place.
@@ -37,7 +37,7 @@ def unread(step: Step) -> set[int]:
     return indices
 
 
-def shared(judge: Judge, places: Sequence[RowPlace]) -> bool:
+def have_common_source(judge: Judge, places: Sequence[RowPlace]) -> bool:
     """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
     if not places:
         return False
@@ -56,7 +56,7 @@ def shared(judge: Judge, places: Sequence[RowPlace]) -> bool:
     return bool(set.intersection(*statements_of_rows)) or bool(set.intersection(*functions_of_rows))
 
 
-def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
+def indirectly_judged(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Return the outputs (equation, symbol) of other equations that `rows` use, so that they are judged indirectly."""
     used_symbols: set[str] = set()
     steps = {step.equation.name: step for step in judge.steps}
@@ -77,7 +77,7 @@ def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
     return outputs
 
 
-def available(judge: Judge, step: Step) -> set[str]:
+def available_symbols(judge: Judge, step: Step) -> set[str]:
     """Return the symbols that are available when an equation is evaluated."""
     names = {parameter.name for parameter in judge.formula.parameters}
     if step.stage == "inverse":

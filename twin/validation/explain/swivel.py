@@ -9,23 +9,23 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.validation.explain.equation_steps import RowPlace
 
-_GRID = 12
+_START_ANGLES = 12
 """Number of start angles in a full turn."""
 
-_REFINEMENTS = 6
+_MOST_NEWTON_STEPS = 6
 """Maximum number of Gauss-Newton steps from the best start angle."""
 
-_DIFFERENCE = 1e-6
+_DERIVATIVE_STEP = 1e-6
 """Difference in rad for numeric derivatives."""
 
 _LONGEST_STEP = 0.5
 """Largest step in rad, about the distance of start angles: a longer one would leave the valley of the best of them."""
 
-_NO_SLOPE = 1e-300
+_LEAST_DIVISOR = 1e-300
 """Minimum divisor where rows may not depend on the angle."""
 
 
-def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Array:
+def fitted_swivel(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Array:
     """Return the swivel angles (states,) in rad that minimise the residuals of `rows` in each state.
 
     A pose of a redundant mechanism determines the joint values only together with the swivel angle. The zero of this
@@ -61,11 +61,11 @@ def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Ar
             r = np.where(is_better[:, None], residuals_at_angle, r)
         return bool(is_better.any())
 
-    for angle in np.linspace(-np.pi, np.pi, _GRID, endpoint=False):
+    for angle in np.linspace(-np.pi, np.pi, _START_ANGLES, endpoint=False):
         keep_better(np.full(states, angle))
-    for _ in range(_REFINEMENTS):
-        slope = (residuals(best + _DIFFERENCE) - r) / _DIFFERENCE
-        squares = np.maximum(np.sum(slope**2, axis=1), _NO_SLOPE)
+    for _ in range(_MOST_NEWTON_STEPS):
+        slope = (residuals(best + _DERIVATIVE_STEP) - r) / _DERIVATIVE_STEP
+        squares = np.maximum(np.sum(slope**2, axis=1), _LEAST_DIVISOR)
         step = np.nan_to_num(-np.sum(slope * r, axis=1) / squares)
         if not keep_better(best + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)):
             break

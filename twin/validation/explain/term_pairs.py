@@ -15,21 +15,21 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.expression import Expression
-from twin.validation.explain.expression_shifts import Flat
+from twin.validation.explain.expression_shifts import FlatShift
 from twin.validation.explain.function_source import Edit
-from twin.validation.explain.inverse_operations import inverse
-from twin.validation.explain.required_values import in_square, is_square, scalar_atoms, written
-from twin.validation.explain.term_texts import Atom, Products, at_poses, factors, in_product, terms
+from twin.validation.explain.inverse_operations import operand_values
+from twin.validation.explain.required_values import edits_in_square, edits_to_required, is_square, scalar_atoms
+from twin.validation.explain.term_texts import Atom, Products, as_factor, at_poses, factors, terms
 from twin.validation.explain.tokens import is_operation, is_sum
 
-_MOST_WRITTEN = 12
+_MOST_FORMULAS = 12
 """Maximum number of edits that give one part its required values by a short formula."""
 
 
 def with_term(expression: Expression, required: Array) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of a single edit and a term or factor, after which the expression has the values `required` (k,)."""
     site = expression.site
-    scope = Flat(expression.k, expression.scopes)
+    scope = FlatShift(expression.k, expression.scopes)
     scope.valued_poses = expression.valued_poses
     atoms = scalar_atoms(site.source, site.statement, scope)
     valued_atoms = at_poses(atoms, expression.valued_poses)
@@ -58,15 +58,15 @@ def _in_the_same_part(
         after_edits = expression.values_after(part)[:, valued]
         if _takes_term(expression, part):
             missing_terms = needed[valued] - after_edits
-            for edit, values in _likely(edits, missing_terms, products):
-                for addition in _terms(values, atoms):
-                    yield from _beside(expression, span, edit, addition)
+            for edit, values in _likely_edits(edits, missing_terms, products):
+                for addition in _terms_to_add(values, atoms):
+                    yield from _edit_with_addition(expression, span, edit, addition)
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
                 missing_factors = needed[valued] / after_edits
-            for edit, values in _likely(edits, missing_factors, products):
-                for addition in _factors(values, atoms):
-                    yield from _beside(expression, span, edit, addition)
+            for edit, values in _likely_edits(edits, missing_factors, products):
+                for addition in _factors_to_add(values, atoms):
+                    yield from _edit_with_addition(expression, span, edit, addition)
 
 
 @dataclass(frozen=True)
@@ -78,27 +78,27 @@ class _Addition:
     prefers_end: bool
 
 
-def _terms(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
+def _terms_to_add(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
     """Yield terms with given values (k,)."""
     for sign, text in terms(values, atoms):
         leading_sign = sign.strip("+")
         yield _Addition(f"{leading_sign}{text} + ", f" {sign} {text}", prefers_end=True)
 
 
-def _factors(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
+def _factors_to_add(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
     """Yield factors with given values (k,)."""
     for text in factors(values, atoms):
-        factor = in_product(text)
+        factor = as_factor(text)
         yield _Addition(f"{factor} * ", f" * {factor}", prefers_end=False)
 
 
-def _likely(edits: Sequence[Edit], missing: Array, products: Products) -> Iterator[tuple[Edit, Array]]:
+def _likely_edits(edits: Sequence[Edit], missing: Array, products: Products) -> Iterator[tuple[Edit, Array]]:
     """Yield those of n edits whose missing values (n, k) may be those of a product, with these values (k,)."""
     for n in products.likely(missing):
         yield edits[n], missing[n]
 
 
-def _beside(
+def _edit_with_addition(
     expression: Expression, span: tuple[int, int], edit: Edit, addition: _Addition
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield an edit of a part together with an addition to this part, where the two do not touch.
@@ -167,9 +167,9 @@ def _completed(
             yield edits[n], second
 
 
-def _shift(expression: Expression, values: Array, required: Array) -> Flat:
+def _shift(expression: Expression, values: Array, required: Array) -> FlatShift:
     """Return the shift of a part from its values (k,) to those (k,) that it must have."""
-    shift = Flat(expression.k, expression.scopes)
+    shift = FlatShift(expression.k, expression.scopes)
     shift.valued_poses = expression.valued_poses
     shift.value = values[:, None]
     shift.added = (required - values)[:, None]
@@ -177,7 +177,7 @@ def _shift(expression: Expression, values: Array, required: Array) -> Flat:
 
 
 def _edits_of_part(
-    expression: Expression, part: ast.expr, shift: Flat, atoms: Sequence[Atom], products: Products, likely: bool
+    expression: Expression, part: ast.expr, shift: FlatShift, atoms: Sequence[Atom], products: Products, likely: bool
 ) -> Iterator[Edit]:
     """Yield edits after which a part has its required values.
 
@@ -185,9 +185,11 @@ def _edits_of_part(
     """
     site = expression.site
     if likely:
-        yield from islice(written(site.source, site.statement, part, site.parents, shift, atoms), _MOST_WRITTEN)
+        yield from islice(
+            edits_to_required(site.source, site.statement, part, site.parents, shift, atoms), _MOST_FORMULAS
+        )
     if is_square(part):
-        yield from in_square(site.source, site.statement, part, site.parents, shift, atoms, products)
+        yield from edits_in_square(site.source, site.statement, part, site.parents, shift, atoms, products)
 
 
 def _inner_parts(
@@ -195,7 +197,7 @@ def _inner_parts(
 ) -> Iterator[tuple[ast.expr, Array, Array]]:
     """Yield (a part of `part`, its values (k,), the values (n, k) that it must have), `part` itself first.
 
-    Values required of a part are passed on to its parts; see `inverse`.
+    Values required of a part are passed on to its parts; see `operand_values`.
     """
     queue = [(part, present_values, needs)]
     while queue:
@@ -204,7 +206,7 @@ def _inner_parts(
         for child in ast.iter_child_nodes(node):
             if not isinstance(child, ast.expr):
                 continue
-            inner_wanted = inverse(node, child, required, expression.present_value)
+            inner_wanted = operand_values(node, child, required, expression.present_value)
             if inner_wanted is None:
                 continue
             inner_values = expression.present_value(child)

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 
-EQUAL = 1e-6
+RELATIVE_ROUNDING = 1e-6
 """Relative difference up to which a formula gives the required value; the edit is then tried like any other."""
 
 _MOST_FACTORS = 60
 """Maximum number of values of which products are made."""
 
-_SMALLEST_SIZE = 1e-9
+_SMALLEST_COMPARED_SIZE = 1e-9
 """Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
 SIGNS = (("+", 1.0), ("-", -1.0))
@@ -65,36 +65,36 @@ def at_poses(atoms: Sequence[Atom], poses: NDArray[np.bool_]) -> list[Atom]:
     return selected
 
 
-def _table(atoms: Sequence[Atom]) -> Array:
+def _table_of_values(atoms: Sequence[Atom]) -> Array:
     """Return the values (n, k) of n atoms."""
     values = [atom.values for atom in atoms]
     return np.stack(values)
 
 
-def equal(a: Array, b: Array) -> bool:
+def are_equal(a: Array, b: Array) -> bool:
     """Return whether two arrays of values are equal, except for rounding."""
     return bool(np.abs(a - b).max() <= difference_limit(a))
 
 
 def difference_limit(values: Array) -> float:
     """Return the largest difference from values that counts as rounding."""
-    return EQUAL * max(_size(values), _SMALLEST_SIZE)
+    return RELATIVE_ROUNDING * max(_largest_value(values), _SMALLEST_COMPARED_SIZE)
 
 
-def _size(values: Array) -> float:
+def _largest_value(values: Array) -> float:
     return float(np.abs(values).max())
 
 
 def _is_constant(values: Array) -> bool:
     """Return whether values (k,) are the same at all poses; formulas for such values often coincide."""
-    return bool(np.ptp(values) <= EQUAL * np.abs(values).max())
+    return bool(np.ptp(values) <= RELATIVE_ROUNDING * np.abs(values).max())
 
 
 def terms(required: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
     """Yield (sign, text) of terms with the values `required` (k,)."""
     for value, text in NUMBERS.items():
         for sign, factor in SIGNS:
-            if equal(required, np.full(len(required), factor * value)):
+            if are_equal(required, np.full(len(required), factor * value)):
                 yield sign, text
     for coefficient, text in _products(required, atoms):
         sign = "-" if coefficient < 0 else "+"
@@ -112,7 +112,7 @@ def sums(required: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
     """
     limit = difference_limit(required)
     for pattern in patterns:
-        A = _table(pattern).T
+        A = _table_of_values(pattern).T
         if not np.isfinite(A).all() or np.linalg.matrix_rank(A) < len(pattern):
             continue
         solution, *_ = np.linalg.lstsq(A, required, rcond=None)
@@ -131,7 +131,7 @@ def sums(required: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
 def factors(required: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     """Yield the texts of factors with the values `required` (k,)."""
     for value, text in NUMBERS.items():
-        if value != 1.0 and equal(required, np.full(len(required), value)):
+        if value != 1.0 and are_equal(required, np.full(len(required), value)):
             yield text
     for coefficient, text in _products(required, atoms):
         if _is_number(coefficient, 1.0):
@@ -146,16 +146,16 @@ def roots(required: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
 
     `root` is the name of the function. Values that are the same at all poses are no proof, so that none is yielded.
     """
-    if not atoms or required.min() < 0 or np.ptp(required) <= EQUAL * required.max():
+    if not atoms or required.min() < 0 or np.ptp(required) <= RELATIVE_ROUNDING * required.max():
         return
     few = atoms[:_MOST_FACTORS]
     radicand = required**2
-    values = _table(few)
+    values = _table_of_values(few)
     for i, coefficient in _proportional(radicand, values):
         if _is_number(coefficient, 1.0):
             yield f"{root}({few[i].text})"
     squares = values**2
-    limit = EQUAL * float(radicand.max())
+    limit = RELATIVE_ROUNDING * float(radicand.max())
     is_something = np.abs(squares).max(axis=1) > limit
     for first in np.flatnonzero(is_something).tolist():
         for sign, factor in SIGNS:
@@ -163,8 +163,8 @@ def roots(required: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
             fits = np.abs(unexplained).max(axis=1) <= limit
             for second in np.flatnonzero(fits & is_something).tolist():
                 if sign == "-" or first < second:  # a sum of two squares has no order
-                    first_text = in_product(few[first].text)
-                    second_text = in_product(few[second].text)
+                    first_text = as_factor(few[first].text)
+                    second_text = as_factor(few[second].text)
                     yield f"{root}({first_text}**2 {sign} {second_text}**2)"
 
 
@@ -186,31 +186,31 @@ def _names(atoms: Sequence[Atom]) -> list[Atom]:
 def number_text(size: float) -> str | None:
     """Return the text of a number of `NUMBERS`; None for other numbers."""
     for value, text in NUMBERS.items():
-        if abs(size / value - 1) < EQUAL:
+        if abs(size / value - 1) < RELATIVE_ROUNDING:
             return text
     return None
 
 
 def _is_number(coefficient: float, number: float) -> bool:
     """Return whether a coefficient is a number, except for rounding."""
-    return equal(np.array([coefficient]), np.array([number]))
+    return are_equal(np.array([coefficient]), np.array([number]))
 
 
 def _products(required: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str]]:
     """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `required`."""
     if not atoms:
         return
-    A = _table(atoms)
+    A = _table_of_values(atoms)
     for i, coefficient in _proportional(required, A):
-        yield coefficient, in_product(atoms[i].text)
+        yield coefficient, as_factor(atoms[i].text)
     for i, coefficient in _proportional(required, A**2):
-        yield coefficient, f"{in_product(atoms[i].text)}**2"
+        yield coefficient, f"{as_factor(atoms[i].text)}**2"
     if _is_constant(required):  # products of decimal numbers often coincide
         return
     first, second = _two_factors(len(A))
     for n, coefficient in _proportional(required, A[first] * A[second]):
-        first_text = in_product(atoms[first[n]].text)
-        second_text = in_product(atoms[second[n]].text)
+        first_text = as_factor(atoms[first[n]].text)
+        second_text = as_factor(atoms[second[n]].text)
         yield coefficient, f"{first_text} * {second_text}"
 
 
@@ -243,7 +243,7 @@ class Products:
         """Unit vectors in the directions of the table's rows, and of the differences of names."""
         if not finite:
             return
-        A = _table(finite)
+        A = _table_of_values(finite)
         first, second = _two_factors(len(A))
         self.table = np.vstack([A, A**2, A[first] * A[second]])
         differences: list[Array] = []
@@ -269,7 +269,7 @@ class Products:
         if len(self._units):
             cosines = np.maximum(cosines, np.abs(rows @ self._units.T).max(axis=1))
         # Entries that differ by EQUAL make an angle whose cosine is smaller than 1 by about its square, for each entry.
-        least = 1 - EQUAL**2 * k
+        least = 1 - RELATIVE_ROUNDING**2 * k
         return np.flatnonzero(cosines >= least)
 
     def either(self, first: Array, second: Array) -> Array:
@@ -285,7 +285,7 @@ class Products:
         return np.vstack(matches)
 
 
-def in_product(text: str) -> str:
+def as_factor(text: str) -> str:
     """Return the text of a factor of a product, in parentheses where it needs them."""
     expression = ast.parse(text, mode="eval").body
     if isinstance(expression, ast.BinOp | ast.UnaryOp):

@@ -9,10 +9,10 @@ import tokenize
 from collections.abc import Iterator, Sequence
 from typing import AnyStr, NamedTuple, TypeGuard
 
-_LONGEST_MOVE = 48
+_FARTHEST_MOVE = 48
 """Maximum number of tokens by which a parenthesis is moved."""
 
-_LONGEST_PAIR = _LONGEST_MOVE // 2
+_LONGEST_PAIR = _FARTHEST_MOVE // 2
 """Maximum number of tokens in a pair of parentheses that is added."""
 
 
@@ -89,7 +89,7 @@ def tokens_of(text: str) -> list[Token]:
     return tokens
 
 
-def shape(text: str) -> str:
+def syntax_form(text: str) -> str:
     """Return an expression in a form that does not depend on spaces; "" if it is not an expression."""
     try:
         return ast.dump(ast.parse(text.strip()))
@@ -97,7 +97,7 @@ def shape(text: str) -> str:
         return ""
 
 
-def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
+def with_replacements(text: str, parts: list[tuple[int, int, str]]) -> str:
     """Return a text after replacing parts (start, end, new text), which must be in order."""
     for start, end, new in reversed(parts):  # from the end, so that earlier positions stay as they are
         text = text[:start] + new + text[end:]
@@ -106,9 +106,9 @@ def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
 
 def other_parentheses(text: str) -> Iterator[tuple[int, int, str]]:
     """Yield (start, end, new text) of the changes of a text that give it other parentheses and another meaning."""
-    known_shapes = {shape(text)}
+    known_shapes = {syntax_form(text)}
     for new in _parenthesised(text):
-        new_shape = shape(new)
+        new_shape = syntax_form(new)
         # Parentheses that change nothing are no edit, and many of them come to the same.
         if not new_shape or new_shape in known_shapes:
             continue
@@ -141,7 +141,7 @@ def _parenthesised(text: str) -> Iterator[str]:
     for opening, closing in _pairs(tokens):
         is_of_call = opening > 0 and tokens[opening - 1].kind == tokenize.NAME
         if not is_of_call:
-            yield cut(text, [_removed(tokens[opening]), _removed(tokens[closing])])
+            yield with_replacements(text, [_removal(tokens[opening]), _removal(tokens[closing])])
         yield from _with_closing_elsewhere(text, tokens, opening, closing)
         if not is_of_call:  # the parenthesis after a function's name stays there
             yield from _with_opening_elsewhere(text, tokens, opening, closing)
@@ -162,8 +162,8 @@ def _pairs(tokens: Sequence[Token]) -> list[tuple[int, int]]:
     return pairs
 
 
-def _removed(token: Token) -> tuple[int, int, str]:
-    """Return the part of a text that removes a token; see `cut`."""
+def _removal(token: Token) -> tuple[int, int, str]:
+    """Return the part of a text that removes a token; see `with_replacements`."""
     return token.start, token.end, ""
 
 
@@ -172,21 +172,21 @@ def _with_closing_elsewhere(text: str, tokens: Sequence[Token], opening: int, cl
     for i, token in enumerate(tokens):
         # After the token before it, the end would stand where it is now.
         is_same_place = i in (closing, closing - 1)
-        if abs(i - closing) > _LONGEST_MOVE or i <= opening or is_same_place:
+        if abs(i - closing) > _FARTHEST_MOVE or i <= opening or is_same_place:
             continue
         if token.is_operand or token.text == ")":
             inserted = (token.end, token.end, ")")
-            yield cut(text, sorted([_removed(tokens[closing]), inserted]))
+            yield with_replacements(text, sorted([_removal(tokens[closing]), inserted]))
 
 
 def _with_opening_elsewhere(text: str, tokens: Sequence[Token], opening: int, closing: int) -> Iterator[str]:
     """Yield a text with the opening end of a pair before another operand, parenthesis or sign."""
     for i, token in enumerate(tokens):
-        if abs(i - opening) > _LONGEST_MOVE or i >= closing or i == opening:
+        if abs(i - opening) > _FARTHEST_MOVE or i >= closing or i == opening:
             continue
         if token.is_operand or token.text in ("(", "-"):
             inserted = (token.start, token.start, "(")
-            yield cut(text, sorted([_removed(tokens[opening]), inserted]))
+            yield with_replacements(text, sorted([_removal(tokens[opening]), inserted]))
 
 
 def _with_new_pair(text: str, tokens: Sequence[Token]) -> Iterator[str]:
@@ -203,4 +203,4 @@ def _with_new_pair(text: str, tokens: Sequence[Token]) -> Iterator[str]:
         for j in lasts:
             if i < j <= i + _LONGEST_PAIR:
                 end = tokens[j].end
-                yield cut(text, [(start, start, "("), (end, end, ")")])
+                yield with_replacements(text, [(start, start, "("), (end, end, ")")])

@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import Candidate, aliases, edited_residuals
+from twin.validation.explain.candidate import Candidate, alias_values, edited_residuals
 from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
 from twin.validation.explain.formula_state import is_worse
 from twin.validation.explain.function_source import Edit, Source, Statement
-from twin.validation.explain.name_pool import pool
+from twin.validation.explain.name_pool import name_pool
 from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
-from twin.validation.explain.suspect_statements import available, suspects, unread
+from twin.validation.explain.suspect_statements import available_symbols, suspects, unread_statements
 
 
 class Trials:
@@ -55,7 +55,7 @@ class Trials:
             statements = suspects(self.judge, place)
             for equation, indices in statements.items():
                 last = max(indices)
-                for i in unread(self.judge.step(equation)):
+                for i in unread_statements(self.judge.step(equation)):
                     if i < last:
                         indices.add(i)
             statements_of_row[place.key] = statements
@@ -77,7 +77,7 @@ class Trials:
         """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
         sites_of_equation: dict[str, tuple[Step, list[Site]]] = {}
         for step, statement in self.own_sites():
-            names = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
+            names = name_pool(step.source, statement, available_symbols(self.judge, step), self.parameters, step.scope)
             _, sites = sites_of_equation.setdefault(step.equation.name, (step, []))
             sites.append(Site(step.source, statement, names))
         for step, sites in sites_of_equation.values():
@@ -85,7 +85,7 @@ class Trials:
                 source = helper.source
                 for statement in source.statements:
                     scope = helper.function.__globals__
-                    names = pool(source, statement, set(source.arguments), self.parameters, scope)
+                    names = name_pool(source, statement, set(source.arguments), self.parameters, scope)
                     sites.append(Site(source, statement, names))
         return list(sites_of_equation.values())
 
@@ -138,7 +138,7 @@ class Trials:
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
         """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
         self.trial_count += 1
-        extra = aliases(self.judge, step, change)
+        extra = alias_values(self.judge, step, change)
         if extra is None:
             return None
         residuals = trial_residuals(self.judge, step, change, extra)

@@ -11,9 +11,9 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.function_source import Source
 from twin.validation.explain.rebuilt_functions import Matrix, to_array
-from twin.validation.explain.term_texts import SIGNS, Atom, difference_limit, equal, factors, in_product
+from twin.validation.explain.term_texts import SIGNS, Atom, are_equal, as_factor, difference_limit, factors
 
-VECTOR = 3
+VECTOR_ENTRIES = 3
 """Number of entries of a vector."""
 
 _POSE_COLUMNS = 4
@@ -43,7 +43,7 @@ def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Ato
                 value = eval(text, dict(scope))
             except Exception:  # a name that is not in scope, an index out of range
                 continue
-            if isinstance(value, Matrix) and value.shape == (VECTOR, 1):
+            if isinstance(value, Matrix) and value.shape == (VECTOR_ENTRIES, 1):
                 values = to_array(value, k)
                 if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
                     atoms.append(Atom(text, values))
@@ -74,27 +74,27 @@ def vector_texts(
     required = value + added
     for vector in vectors:  # the expression is the scalar of which a vector was the factor
         for minus, sign in (("", 1.0), ("-", -1.0)):
-            if equal(required, sign * value * vector.values):
-                yield f"{minus}{factor_text} * {in_product(vector.text)}"
-    ratio = _ratio(required, value)
+            if are_equal(required, sign * value * vector.values):
+                yield f"{minus}{factor_text} * {as_factor(vector.text)}"
+    ratio = _parallel_ratio(required, value)
     if ratio is not None:
         for factor in factors(ratio, atoms):
             yield f"{factor} * {factor_text}"
         for factor in factors(1 / ratio, atoms):
             yield f"{factor_text} / ({factor})"
     for vector in vectors:  # a further term: a scalar times a vector that stands elsewhere
-        ratio = _ratio(added, vector.values)
+        ratio = _parallel_ratio(added, vector.values)
         if ratio is None:
             continue
-        name = in_product(vector.text)
+        name = as_factor(vector.text)
         for sign, sign_value in SIGNS:
-            if equal(ratio, np.full(len(ratio), sign_value)):
+            if are_equal(ratio, np.full(len(ratio), sign_value)):
                 yield f"{text} {sign} {name}"
             for factor in factors(sign_value * ratio, atoms):
                 yield f"{text} {sign} {factor} * {name}"
 
 
-def _ratio(a: Array, b: Array) -> Array | None:
+def _parallel_ratio(a: Array, b: Array) -> Array | None:
     """Return the scalars (k,) by which vectors b (k, 3) are multiplied in a (k, 3); None if a is not parallel to b."""
     with np.errstate(all="ignore"):
         ratio = np.sum(a * b, axis=1) / np.sum(b * b, axis=1)

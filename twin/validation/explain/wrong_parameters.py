@@ -11,10 +11,10 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.explanation_data import ChangedParameter, FittedParameters
-from twin.validation.explain.parameter_fit import BLIND, ParameterFit, ParameterResiduals
+from twin.validation.explain.parameter_fit import BLIND_SINGULAR_RATIO, ParameterFit, ParameterResiduals
 from twin.validation.explain.row_deviations import Judge, worst
 
-_SLIPS = (
+_USUAL_MISTAKES = (
     (1e3, "metres instead of millimetres"),
     (1e-3, "millimetres instead of metres"),
     (np.pi / 180, "radians instead of degrees"),
@@ -23,19 +23,19 @@ _SLIPS = (
 )
 """Usual mistakes: fitted value divided by the value in the formula, and what the ratio says."""
 
-_SAME_VALUE = 1e-6
+_EQUAL_VALUES = 1e-6
 """Relative difference up to which a fitted value is that of a usual mistake, or of another parameter."""
 
-_UNITS = {"mm": 1e-3, "deg": np.pi / 180}
+_UNITS_OF_ZERO = {"mm": 1e-3, "deg": np.pi / 180}
 """Units of parameters whose value is zero, in SI; those of other parameters follow from their values."""
 
-_LIMIT_OF_NOISE = 6.0
+_NOISE_LIMIT_IN_SIGMAS = 6.0
 """Residual that noise explains, in standard deviations: among some thousand residuals, none is larger by chance."""
 
-_CHANGE_LIMIT = 4.0
+_CHANGE_LIMIT_IN_SIGMAS = 4.0
 """Change of a parameter that is more than noise, in standard deviations."""
 
-_ROUNDING = 1e-9
+_CHANGE_ROUNDING = 1e-9
 """Change of a parameter, relative to its value (at least 1 m or rad), that is more than rounding."""
 
 _LEAST_VARIANCE = 1e-8
@@ -77,7 +77,7 @@ def identify(
     if not parameters:
         return None
     before = worst(residuals.residual(residuals.start))
-    limit = max(1.0, _LIMIT_OF_NOISE * noise)
+    limit = max(1.0, _NOISE_LIMIT_IN_SIGMAS * noise)
     exact_fits: list[ParameterFit] = []  # fits of one parameter with which every row agrees
     for i, parameter in enumerate(parameters):
         progress(i / len(parameters))
@@ -88,7 +88,7 @@ def identify(
         return None
     names = [parameter.name for parameter in parameters]
     fit_of_all = residuals.fit(tuple(names))
-    blind = _blind(fit_of_all, parameters)
+    blind = _blind_combinations(fit_of_all, parameters)
     if exact_fits:
         return _alternatives(residuals, parameters, exact_fits, before, blind, noise)
     is_exact = fit_of_all.worst <= limit and residuals.complete
@@ -142,7 +142,7 @@ def _changes(
     changes: list[ChangedParameter] = []
     for i, parameter in enumerate(parameters):
         start = residuals.start[parameter.name]
-        limit = max(_CHANGE_LIMIT * sigma[i], _ROUNDING * max(1, abs(start)))
+        limit = max(_CHANGE_LIMIT_IN_SIGMAS * sigma[i], _CHANGE_ROUNDING * max(1, abs(start)))
         if abs(fit.values[i] - start) > limit:
             changes.append(_change(parameter, residuals, fit, i, noise))
     return changes
@@ -162,7 +162,7 @@ def _covariance(fit: ParameterFit, noise: float) -> Array:
     norm = np.linalg.norm(J, axis=0)
     scale = np.where(norm > 0, norm, 1.0)
     # The columns are scaled, because lengths and angles have derivatives of other sizes.
-    inverse = np.linalg.pinv(J / scale, rcond=BLIND)
+    inverse = np.linalg.pinv(J / scale, rcond=BLIND_SINGULAR_RATIO)
     return variance * (inverse @ inverse.T) / np.outer(scale, scale)
 
 
@@ -170,46 +170,46 @@ def _change(
     parameter: Parameter, residuals: ParameterResiduals, fit: ParameterFit, i: int, noise: float
 ) -> ChangedParameter:
     """Return a parameter with its fitted value, the value `i` of a fit, in the unit of the formula."""
-    unit = _UNITS.get(parameter.unit, 1.0)
+    unit = _UNITS_OF_ZERO.get(parameter.unit, 1.0)
     if parameter.shown:
         unit = parameter.value / parameter.shown
     start = residuals.start[parameter.name]
     value = float(fit.values[i])
     variance = _covariance(fit, noise)[i, i]
     sigma = float(np.sqrt(max(variance, 0)))
-    note = _mistake(parameter.name, start, value, residuals.start)
+    note = _probable_mistake(parameter.name, start, value, residuals.start)
     return ChangedParameter(parameter.name, parameter.unit, start / unit, value / unit, sigma / unit, note)
 
 
-def _mistake(name: str, start: float, value: float, values: Mapping[str, float]) -> str:
+def _probable_mistake(name: str, start: float, value: float, values: Mapping[str, float]) -> str:
     """Return the probable mistake in a value: another unit, sign or parameter; "" if none is recognised."""
     ratio = float("nan")
     if start:
         ratio = value / start
-    for slip, text in _SLIPS:
-        if abs(ratio / slip - 1) < _SAME_VALUE:
+    for slip, text in _USUAL_MISTAKES:
+        if abs(ratio / slip - 1) < _EQUAL_VALUES:
             return f"looks like {text}"
     same_valued: list[str] = []
     for other_name, number in values.items():
-        if other_name != name and number and abs(value / number - 1) < _SAME_VALUE:
+        if other_name != name and number and abs(value / number - 1) < _EQUAL_VALUES:
             same_valued.append(other_name)
     if same_valued:
         return f"the value of {' or '.join(same_valued)}"
     return ""
 
 
-def _blind(fit: ParameterFit, parameters: Sequence[Parameter]) -> tuple[str, ...]:
+def _blind_combinations(fit: ParameterFit, parameters: Sequence[Parameter]) -> tuple[str, ...]:
     """Return the combinations of parameters that affect no row, from the SVD of the scaled Jacobian."""
     if not np.isfinite(fit.J).all() or not fit.J.any():
         return ()
     scale = np.maximum(np.linalg.norm(fit.J, axis=0), 1e-300)  # a parameter without effect has a column of zeros
     _, singular, Vt = np.linalg.svd(fit.J / scale, full_matrices=True)
-    rank = np.count_nonzero(singular > BLIND * singular[0])
+    rank = np.count_nonzero(singular > BLIND_SINGULAR_RATIO * singular[0])
     null = Vt[rank:]
     if not len(null):
         return ()
     combinations: list[str] = []
-    for direction in _sparse(null):
+    for direction in _sparse_basis(null):
         change = direction / scale
         change = change / np.abs(change).max()
         terms: list[str] = []
@@ -220,7 +220,7 @@ def _blind(fit: ParameterFit, parameters: Sequence[Parameter]) -> tuple[str, ...
     return tuple(combinations)
 
 
-def _sparse(null: Array) -> Array:
+def _sparse_basis(null: Array) -> Array:
     """Return a sparse basis of the row space of `null`: the reduced row echelon form, with the largest pivots first."""
     A = null.copy()
     for row in range(len(A)):

@@ -13,9 +13,15 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.reference import inertia
 from twin.validation.masses import published_moments
-from twin.validation.masses.physical_limits import JudgedInertia, StatedInertia, judged, least_mass, stated
+from twin.validation.masses.physical_limits import (
+    JudgedInertia,
+    StatedInertia,
+    judged_inertia,
+    least_mass,
+    stated_inertia,
+)
 
-PLAIN = 1.02
+PLAIN_MASS_RATIO = 1.02
 """The sign of the products counts as determined if the minimum masses for both signs differ by at least this factor."""
 
 
@@ -49,7 +55,7 @@ def of_mechanism(mechanism: Mechanism, title: str) -> MassSource:
     without: list[str] = []
     for body in mechanism.bodies:
         if body.inertia is not None:
-            bodies.append(judged(stated(body.name, title, body.inertia, body.meshes)))
+            bodies.append(judged_inertia(stated_inertia(body.name, title, body.inertia, body.meshes)))
         elif body.meshes and body.name != mechanism.base:  # the base is at rest: its mass has no effect
             without.append(body.name)
     findings: list[Finding] = []
@@ -76,7 +82,7 @@ def of_table(folder: Path, mechanism: Mechanism) -> MassSource:
         if body.inertia is None:
             continue
         name = f"link of {link.joint}"
-        bodies.append(judged(stated(name, "inertia.toml", body.inertia, body.meshes, own_shapes=False)))
+        bodies.append(judged_inertia(stated_inertia(name, "inertia.toml", body.inertia, body.meshes, own_shapes=False)))
     return MassSource(f"{table.title} (inertia.toml)", tuple(bodies))
 
 
@@ -98,7 +104,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     """Judge rows of tables without masses.
 
     Each row is (name, first moments (3,) in kg m, tensor (3, 3) in kg m2 with the products as printed). The
-    products of all rows are negated if this reduces the sum of the minimum masses by more than the factor `PLAIN`.
+    products of all rows are negated if this reduces the sum of the minimum masses by more than `PLAIN_MASS_RATIO`.
     """
     rows_negated = []
     masses = []
@@ -117,7 +123,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
     total_negated = sum(masses_negated)
     findings: list[Finding] = []
     chosen = rows
-    if total_negated * PLAIN < total:
+    if total_negated * PLAIN_MASS_RATIO < total:
         chosen = rows_negated
         worst = int(np.argmax(ratios))
         name = rows[worst][0]
@@ -135,7 +141,7 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
                 word="",
             )
         )
-    elif total * PLAIN >= total_negated:
+    elif total * PLAIN_MASS_RATIO >= total_negated:
         findings.append(
             info(
                 "inertia.sign_open",
@@ -149,5 +155,5 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
         )
     bodies = []
     for name, first, tensor in chosen:
-        bodies.append(judged(StatedInertia(name, title, mass=None, first=first, tensor=tensor)))
+        bodies.append(judged_inertia(StatedInertia(name, title, mass=None, first=first, tensor=tensor)))
     return MassSource(title, tuple(bodies), tuple(findings))

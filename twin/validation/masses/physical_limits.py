@@ -21,15 +21,15 @@ from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.validation.masses import solid_moments
-from twin.validation.masses.probable_mistake import guesses
+from twin.validation.masses.probable_mistake import probable_mistakes
 
-DENSITY = (30.0, 25000.0)
+PLAUSIBLE_DENSITIES = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
 
-BESIDE = 2 * MM
+HULL_TOLERANCE = 2 * MM
 """Accepted distance in m of a mass centre from the convex hull of the shapes; shapes may be coarse or incomplete."""
 
-_ALUMINIUM = 2700.0
+_ALUMINIUM_DENSITY = 2700.0
 """Density in kg/m3 from which the number of lost decimal places is estimated: most links are of aluminium."""
 
 _ROUNDING = 1e-9
@@ -38,7 +38,7 @@ _ROUNDING = 1e-9
 _SUM_OF_WEIGHTS = 1e3
 """Weight of the condition that the weights of hull corners have the sum one: it must hold exactly."""
 
-DEFINITE = 1e-9
+LEAST_EIGENVALUE_RATIO = 1e-9
 """Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia; a flat sheet has a smaller ratio."""
 
 
@@ -96,7 +96,7 @@ class JudgedInertia:
         return {**vars(self), "findings": [finding.as_dict() for finding in self.findings]}
 
 
-def stated(
+def stated_inertia(
     name: str, source: str, inertia: Inertia, meshes: tuple[Mesh, ...] = (), own_shapes: bool = True
 ) -> StatedInertia:
     """Return `StatedInertia` data about the origin of the body frame, from an inertia about the mass centre."""
@@ -115,12 +115,12 @@ def stated(
     )
 
 
-def second(tensor: Array) -> Array:
+def second_moments(tensor: Array) -> Array:
     """Return the second moments (3, 3) of mass for an inertia tensor (3, 3) about the same point."""
     return 0.5 * np.trace(tensor) * np.eye(3) - tensor
 
 
-def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
+def _pseudo_inertia(tensor: Array, first: Array, mass: float) -> Array:
     """Return the pseudo-inertia (4, 4), dimensionless: lengths in radii of gyration, masses relative to `mass`."""
     P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
     second_moment = abs(float(np.trace(P[:3, :3])))
@@ -131,13 +131,13 @@ def _pseudo(tensor: Array, first: Array, mass: float) -> Array:
 
 def least_mass(tensor: Array, first: Array) -> float:
     """Return the minimum mass in kg for a tensor (3, 3) and first moment (3,); infinite if no mass is possible."""
-    S = second(tensor)
+    S = second_moments(tensor)
     if not np.all(np.isfinite(S)) or np.linalg.eigvalsh(S)[0] <= 0:
         return float("inf")
     return float(first @ np.linalg.solve(S, first))
 
 
-def judged(body: StatedInertia) -> JudgedInertia:
+def judged_inertia(body: StatedInertia) -> JudgedInertia:
     """Check a body's stated mass data; return derived quantities and findings."""
     faults = _Faults(body)
     mass = body.mass
@@ -155,12 +155,12 @@ def judged(body: StatedInertia) -> JudgedInertia:
     least = least_mass(tensor, first)
     if mass is not None:
         about_centre = _about_centre(tensor, first, mass)
-        pseudo = _pseudo(tensor, first, mass)
+        pseudo = _pseudo_inertia(tensor, first, mass)
     else:
         about_centre = tensor
         # just above the minimum; without a first moment, the ratio is the same for any mass
         positive = least if 0 < least < np.inf else 1.0
-        pseudo = _pseudo(tensor, first, positive * (1 + 1e-6))
+        pseudo = _pseudo_inertia(tensor, first, positive * (1 + 1e-6))
     moments: Array = np.asarray(np.linalg.eigvalsh(about_centre), float)  # in increasing order
     slack = float(moments[0] + moments[1] - moments[2])
     eigenvalues = np.linalg.eigvalsh(pseudo)
@@ -169,7 +169,7 @@ def judged(body: StatedInertia) -> JudgedInertia:
     density, outside = _compared_with_shapes(body, first, faults)
     if mass is not None and body.meshes:
         shape = _shape_tensor(body)
-        faults.findings += guesses(
+        faults.findings += probable_mistakes(
             body.name, body.source, tensor=about_centre, centre=first / mass, mass=mass, shape=shape
         )
     return JudgedInertia(
@@ -252,14 +252,14 @@ def _check_moments(moments: Array, slack: float, least: float, definite: float, 
         text = f"the tensor {place}is not positive definite: smallest principal moment"
         faults.add("impossible", text, Quantity(moments[0], "kg m2"), 0.0)
     elif slack <= 0:
-        text = f"principal moments {_three(moments)} kg m2 violate the triangle inequality: largest"
+        text = f"principal moments {_listed(moments)} kg m2 violate the triangle inequality: largest"
         faults.add("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())
-    elif mass is not None and (mass < least * (1 - _ROUNDING) or definite < DEFINITE):
+    elif mass is not None and (mass < least * (1 - _ROUNDING) or definite < LEAST_EIGENVALUE_RATIO):
         text = "the mass is too small for these moments (the pseudo-inertia is not positive definite)"
         faults.add("impossible", text, Quantity(mass, "kg"), least, word="minimum")
 
 
-def _three(values: Array) -> str:
+def _listed(values: Array) -> str:
     """Return three numbers as text."""
     return ", ".join(f"{value:.4g}" for value in values)
 
@@ -273,11 +273,11 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
 
 def _shape_tensor(body: StatedInertia) -> Array | None:
     """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
-    moments = solid_moments.of_meshes(body.meshes)
+    moments = solid_moments.moments_of_meshes(body.meshes)
     if moments is None:
         return None
     about_centre = moments.second - np.outer(moments.first, moments.first) / moments.volume
-    return np.asarray(solid_moments.tensor(about_centre) / moments.volume, float)
+    return np.asarray(solid_moments.inertia_tensor(about_centre) / moments.volume, float)
 
 
 def _compared_with_shapes(body: StatedInertia, first: Array, faults: _Faults) -> tuple[float, float]:
@@ -287,19 +287,19 @@ def _compared_with_shapes(body: StatedInertia, first: Array, faults: _Faults) ->
         return float("nan"), float("nan")
     severity = "disagreement" if body.own_shapes else "warning"
     outside = hull_distance(first / mass, body.meshes)
-    if outside > BESIDE:
+    if outside > HULL_TOLERANCE:
         text = "the mass centre lies outside the convex hull of the shapes"
         advice = "check its frame, its signs and its unit"
-        faults.add("outside", text, mm(outside), mm(BESIDE), advice, severity=severity)
-    moments = solid_moments.of_meshes(body.meshes)
+        faults.add("outside", text, mm(outside), mm(HULL_TOLERANCE), advice, severity=severity)
+    moments = solid_moments.moments_of_meshes(body.meshes)
     if moments is None:
         return float("nan"), outside
     density = mass / moments.volume
-    lightest, heaviest = DENSITY
+    lightest, heaviest = PLAUSIBLE_DENSITIES
     if not lightest <= density <= heaviest:
         guess = ""
         advice = ""
-        power = int(np.round(np.log10(density / _ALUMINIUM)))
+        power = int(np.round(np.log10(density / _ALUMINIUM_DENSITY)))
         if power:
             guess = f" (decimal mark probably shifted by {abs(power)} places)"
             advice = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3"

@@ -2,7 +2,7 @@
 
 The stated tensor is compared with the tensor of the shapes filled with uniform density. Real bodies are not uniform, so
 a difference alone is no evidence of a mistake. A mistake is reported only if one small change of the stated numbers
-makes the misfit small (`BAD`, `GOOD`, `GAIN`).
+makes the misfit small (`UNEXPLAINED_MISFIT`, `FITTING_MISFIT`, `LARGEST_REMAINING_PART`).
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from twin.core.spatial import Array
 
 # Limits of the misfit (see `misfit`) between the stated tensor and the tensor of the filled shapes. Bodies that are
 # hollow or of mixed materials have a misfit of 0.1 to 0.3.
-BAD = 0.35  # above it, the check searches for an explanation
-GOOD = 0.3  # with the explanation, the misfit must be below it
-GAIN = 0.35  # and below this part of the original misfit
+UNEXPLAINED_MISFIT = 0.35  # above it, the check searches for an explanation
+FITTING_MISFIT = 0.3  # with the explanation, the misfit must be below it
+LARGEST_REMAINING_PART = 0.35  # and below this part of the original misfit
 
-SIGN = 0.04
+SMALLEST_PRODUCTS = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
 
-CLEAR = 2.0
+CLEAR_MISFIT_RATIO = 2.0
 """If (misfit of second-best / misfit of best explanation) is smaller than this, the message names both."""
 
 _WRONG_SIGN = "the products of inertia seem to have the wrong sign (+integral of x y dm)"
-_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ENTRY_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
+_ENTRY_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def misfit(tensor: Array, shape: Array) -> float:
@@ -39,7 +39,9 @@ def misfit(tensor: Array, shape: Array) -> float:
     return float(np.linalg.norm(tensor - shape) / np.linalg.norm(shape))
 
 
-def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, shape: Array | None) -> list[Finding]:
+def probable_mistakes(
+    name: str, source: str, tensor: Array, centre: Array, mass: float, shape: Array | None
+) -> list[Finding]:
     """Return a warning with the probable mistake in a body's tensor; an empty list if it fits or no mistake is found.
 
     Args:
@@ -53,18 +55,18 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     if shape is None:
         return []
     stated_misfit = misfit(tensor / mass, shape)
-    if stated_misfit < BAD:
+    if stated_misfit < UNEXPLAINED_MISFIT:
         return _sign_of_products(name, source, tensor, mass, shape)
     readings: list[tuple[float, str, str]] = []
-    for kind, words, corrected in _readings(tensor, centre, mass):
+    for kind, words, corrected in _possible_mistakes(tensor, centre, mass):
         readings.append((misfit(corrected / mass, shape), kind, words))
     best, kind, words = min(readings, key=lambda reading: reading[0])
     # among so many readings, one fits a little better by chance: it must fit well, and much better
-    if best > GOOD or best > GAIN * stated_misfit:
+    if best > FITTING_MISFIT or best > LARGEST_REMAINING_PART * stated_misfit:
         return []
     others: set[str] = set()
     for other_misfit, other_kind, _ in readings:
-        if other_kind != kind and other_misfit < CLEAR * best:
+        if other_kind != kind and other_misfit < CLEAR_MISFIT_RATIO * best:
             others.add(other_kind)
     probable = _finding(kind, words, name=name, source=source, stated_deviation=stated_misfit, best=best)
     if others:
@@ -78,16 +80,16 @@ def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape:
 
     Products are small compared with the moments: their sign has little effect on the misfit of the tensor.
     """
-    rows, columns = zip(*_PLACES[3:], strict=True)
+    rows, columns = zip(*_ENTRY_PLACES[3:], strict=True)
     products = shape[rows, columns]
     stated = tensor[rows, columns] / mass
     size = np.linalg.norm(products)
-    if size < SIGN * np.abs(shape).max():
+    if size < SMALLEST_PRODUCTS * np.abs(shape).max():
         return []
     difference = np.linalg.norm(stated - products)
     difference_negated = np.linalg.norm(-stated - products)
     # products with the right sign differ from those of the shapes by less than their size
-    if not (difference_negated < GAIN * difference and difference > size):
+    if not (difference_negated < LARGEST_REMAINING_PART * difference and difference > size):
         return []
     return [
         _finding(
@@ -113,7 +115,7 @@ def _finding(kind: str, words: str, name: str, source: str, stated_deviation: fl
     )
 
 
-def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
+def _possible_mistakes(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, str, Array]]:
     """Yield (kind of mistake, message, corrected tensor about the mass centre) for each possible mistake."""
     flipped = 2 * np.diag(np.diag(tensor)) - tensor
     yield "sign", _WRONG_SIGN, flipped
@@ -128,7 +130,7 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
     for power in (-3, -2, -1, 1, 2, 3):
         words = f"the tensor seems to be {10.0**-power:g} times its correct value (lost decimal mark, or wrong unit)"
         yield "decimal", words, tensor * 10.0**power
-    for (i, j), entry in zip(_PLACES, _NAMES, strict=True):
+    for (i, j), entry in zip(_ENTRY_PLACES, _ENTRY_NAMES, strict=True):
         for power in (-2, -1, 1, 2):
             corrected = tensor.copy()
             corrected[i, j] = tensor[i, j] * 10.0**power

@@ -29,11 +29,11 @@ from twin.validation.masses.physical_limits import least_mass
 Cell = Literal["mx", "my", "mz", "xx", "yy", "zz", "xy", "xz", "yz"]
 Products = Literal["as printed", "negated"]
 
-_LOST = re.compile(r"(-?)(\d)(\d+)([eE][-+]\d+)")
+_WITHOUT_DECIMAL_MARK = re.compile(r"(-?)(\d)(\d+)([eE][-+]\d+)")
 """Number in scientific notation without a decimal mark."""
 
 
-class First(Table):
+class FirstMoments(Table):
     """First moments in kg m."""
 
     mx: float
@@ -41,7 +41,7 @@ class First(Table):
     mz: float
 
 
-class Second(Table):
+class SecondMoments(Table):
     """Second moments in kg m2, with the printed sign of the products."""
 
     xx: float
@@ -64,8 +64,8 @@ class BodyMoments(Table):
     """One table row: a body's first and second moments, and its misprinted cells."""
 
     name: str
-    first: First
-    second: Second
+    first: FirstMoments
+    second: SecondMoments
     repaired: list[RepairedCell] = Field(default_factory=list)
 
     @model_validator(mode="after")
@@ -129,7 +129,7 @@ def reread(printed: str) -> float:
     the number are dropped: "Type 896572e-06" is 8.96572e-06. Other numbers, with point or comma, are read as printed.
     """
     text = printed.split()[-1].replace(",", ".")
-    without_mark = _LOST.fullmatch(text)
+    without_mark = _WITHOUT_DECIMAL_MARK.fullmatch(text)
     if without_mark:
         sign, first_digit, digits, exponent = without_mark.groups()
         text = f"{sign}{first_digit}.{digits}{exponent}"
@@ -180,8 +180,8 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
                 repaired=repaired,
             )
         )
-    findings = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
-    if falling(rows, convention(rows)):
+    findings = [*_findings_on_repairs(exhibit), *_findings_on_tensors(rows), *_findings_on_products(rows)]
+    if masses_fall(rows, convention(rows)):
         findings.append(
             warning(
                 "inertia.composites",
@@ -196,13 +196,13 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
 
 def convention(rows: list[MassRow]) -> Products:
     """Return the sign of the products, "as printed" or "negated", for which the sum of minimum masses is smaller."""
-    mass_printed, mass_negated = _totals(rows)
+    mass_printed, mass_negated = _total_masses(rows)
     if mass_negated < mass_printed:
         return "negated"
     return "as printed"
 
 
-def _totals(rows: list[MassRow]) -> tuple[float, float]:
+def _total_masses(rows: list[MassRow]) -> tuple[float, float]:
     """Return the sums of the minimum masses in kg with the products as printed, and negated."""
     # `sum` compensates rounding, so that equal masses in another order have equal sums
     mass_printed = sum(row.mass_printed for row in rows)
@@ -210,7 +210,7 @@ def _totals(rows: list[MassRow]) -> tuple[float, float]:
     return float(mass_printed), float(mass_negated)
 
 
-def falling(rows: list[MassRow], products: Products) -> bool:
+def masses_fall(rows: list[MassRow], products: Products) -> bool:
     """Return whether the minimum masses decrease from row to row, as they do if each link includes all later links."""
     if len(rows) < 2:
         return False
@@ -224,7 +224,7 @@ def falling(rows: list[MassRow], products: Products) -> bool:
     return True
 
 
-def _repairs(exhibit: Exhibit) -> list[Finding]:
+def _findings_on_repairs(exhibit: Exhibit) -> list[Finding]:
     findings: list[Finding] = []
     for body in exhibit.body:
         for repair in body.repaired:
@@ -237,7 +237,7 @@ def _repairs(exhibit: Exhibit) -> list[Finding]:
     return findings
 
 
-def _impossible(rows: list[MassRow]) -> list[Finding]:
+def _findings_on_tensors(rows: list[MassRow]) -> list[Finding]:
     findings: list[Finding] = []
     for row in rows:
         violations: list[str] = []
@@ -251,10 +251,10 @@ def _impossible(rows: list[MassRow]) -> list[Finding]:
     return findings
 
 
-def _products(rows: list[MassRow]) -> list[Finding]:
+def _findings_on_products(rows: list[MassRow]) -> list[Finding]:
     if convention(rows) == "as printed":
         return []
-    mass_printed, mass_negated = _totals(rows)
+    mass_printed, mass_negated = _total_masses(rows)
     worst = max(rows, key=_ratio_of_masses)
     return [
         disagreement(

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.model.body import Mesh
 
-_SECOND = (np.ones((4, 4)) + np.eye(4)) / 20.0
+_UNIT_TETRAHEDRON_MOMENTS = (np.ones((4, 4)) + np.eye(4)) / 20.0
 """Integrals of the products of two barycentric coordinates over a tetrahedron of volume 1."""
 
 
@@ -51,17 +51,17 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
     volume = float(volumes.sum())
     first = np.einsum("k,kai->i", volumes, corners) / 4.0
     with_apex = np.concatenate([corners, np.zeros((len(corners), 1, 3))], axis=1)
-    second = np.einsum("k,kai,ab,kbj->ij", volumes, with_apex, _SECOND, with_apex, optimize=True)
+    second = np.einsum("k,kai,ab,kbj->ij", volumes, with_apex, _UNIT_TETRAHEDRON_MOMENTS, with_apex, optimize=True)
     second_about_origin = second + np.outer(first, shift) + np.outer(shift, first) + volume * np.outer(shift, shift)
     return Moments(volume, first + volume * shift, second_about_origin)
 
 
-def tensor(second: Array) -> Array:
+def inertia_tensor(second: Array) -> Array:
     """Return the inertia tensor (3, 3) for second moments (3, 3) about the same point."""
     return np.trace(second) * np.eye(3) - second
 
 
-def closed(triangles: np.ndarray) -> bool:
+def is_closed(triangles: np.ndarray) -> bool:
     """Return whether every edge is used equally often in each direction, so that the faces enclose volumes.
 
     Solids that touch along an edge use it several times in each direction. A mesh without triangles is not closed.
@@ -77,7 +77,9 @@ def closed(triangles: np.ndarray) -> bool:
     return np.array_equal(forwards, backwards)
 
 
-def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = lambda mesh: 1.0) -> Moments | None:
+def moments_of_meshes(
+    meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = lambda mesh: 1.0
+) -> Moments | None:
     """Return the moments of several closed meshes together.
 
     `density` returns the density of a mesh in kg/m3; default: 1. The result is None if the volume is not positive, a
@@ -86,7 +88,7 @@ def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = 
     total = Moments(0.0, np.zeros(3), np.zeros((3, 3)))
     for mesh in meshes:
         rho = density(mesh)
-        if rho is None or not closed(mesh.triangles):
+        if rho is None or not is_closed(mesh.triangles):
             return None
         total += moments(mesh.vertices, mesh.triangles).scaled(rho)
     if not total.volume > 0:
