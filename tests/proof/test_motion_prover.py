@@ -17,13 +17,15 @@ from twin.core.errors import ProtocolError, TwinError
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.proof.motion import motion_prover
-from twin.proof.motion.motion_prover import MotionProof
+from twin.proof.motion.enclosure import Enclosure
+from twin.proof.motion.motion_claims import EnclosedPieces, MotionClaim, MotionProof, motion_proof
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import first_pieces
-from twin.proof.motion.prediction import nodes
-from twin.proof.motion.quantities import Enclosure, TimeCells, _motor_rows, cells_of
+from twin.proof.motion.prediction import chebyshev_nodes
+from twin.proof.motion.quantities import _motor_rows
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel
+from twin.proof.motion.time_cells import TimeCells, cells_of
 from twin.reference import ReferenceModel
 
 flint = pytest.importorskip("flint", reason="python-flint is in the group dev")
@@ -46,7 +48,7 @@ def proved(mechanism: Mechanism, path: TimedPath) -> MotionProof:
     return motion_prover.prove_motion(mechanism, path, lambda q: model.link_poses(model.run(q).x))
 
 
-def claim(proof: MotionProof, group: str, name: str) -> motion_prover.MotionClaim:
+def claim(proof: MotionProof, group: str, name: str) -> MotionClaim:
     """Return a claim by its group and name."""
     return next(c for c in proof.claims if (c.group, c.name) == (group, name))
 
@@ -123,7 +125,7 @@ def test_pieces_of_a_series_contain_it(degree: int) -> None:
 
 def test_nodes_are_inside() -> None:
     """Predictions pass through states inside of the piece."""
-    assert np.abs(nodes(5)).max() < 1
+    assert np.abs(chebyshev_nodes(5)).max() < 1
 
 
 # ------------------------------------------------------------------------------------------- protocols
@@ -247,7 +249,7 @@ def test_loops_that_cannot_close_are_unproved() -> None:
 def test_after_a_break_nothing_is_said_of_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the motion may jump to another assembly, all that rests on it is unproved, and never refuted."""
     mechanism, path = sils()
-    monkeypatch.setattr(motion_prover, "DEEPEST", 0)
+    monkeypatch.setattr(motion_prover, "MOST_HALVINGS", 0)
     whole = proved(mechanism, path)
     curve = whole.curves["determinant", "loops"]
     assert curve.low[0] < 1.0 < curve.high[0]  # the value at the start is known within bounds
@@ -275,15 +277,15 @@ def test_a_break_before_a_violation_hides_it() -> None:
     over = Enclosure("enforced", "RCM", "m", high - 0.5, high, 2.0, smallest=False)
     driven = replace(over, group="joint speed")
     index = np.arange(cells)
-    pieces = first_pieces(1).some(index)
+    pieces = first_pieces(1).chosen(index)
     span = np.linspace(0.0, 1.0, cells + 1)
     square = TaylorModel(np.zeros((2, cells)), np.zeros(cells))
     ones = np.ones(cells)
     made = TimeCells(index, 0 * index, span[:-1], span[1:], 0 * ones, ones, square)
     goes_on = np.array([True, False, True])
-    judged = motion_prover._Round(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
+    judged = EnclosedPieces(pieces, made, [over, driven], np.ones(cells, bool), goes_on)
     _, path = sils()
-    of_body, of_joint = motion_prover._proof(path, judged).claims
+    of_body, of_joint = motion_proof(path, judged).claims
     assert of_body.status == "unproved"
     assert of_joint.status == "refuted"
 

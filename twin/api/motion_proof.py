@@ -25,7 +25,7 @@ from twin.proof.motion import value_groups as groups
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
     from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
-    from twin.proof.motion.motion_prover import MotionClaim, MotionProof
+    from twin.proof.motion.motion_claims import MotionClaim, MotionProof
     from twin.proof.motion.path import TimedPath, TimedPhase
 
 _CONSISTENT = 1e-8

@@ -20,19 +20,12 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.certificate import digest
 from twin.proof.motion import value_groups as groups
-from twin.proof.motion.linkage import ARM, Linkage
-from twin.proof.motion.motion_prover import (
-    DRIVEN,
-    MARGINS,
-    SPEED_EXCESS,
-    SPEEDS,
-    TOUCHING,
-    MotionClaim,
-    MotionProof,
-    PredictedPieces,
-)
+from twin.proof.motion.enclosure import SPEED_EXCESS, TOUCHING
+from twin.proof.motion.linkage import Linkage
+from twin.proof.motion.loop_gaps import ARM
+from twin.proof.motion.motion_claims import MotionClaim, MotionProof, PredictedPieces
 from twin.proof.motion.path import TimedPath, TimedPhase
-from twin.proof.motion.prediction import nodes
+from twin.proof.motion.prediction import chebyshev_nodes
 
 SCHEMA = "twin/motion-certificate/1"
 
@@ -93,7 +86,7 @@ def motion_certificate(
     bounds = []
     for claim in proof.claims:
         # without predictions, the certificate says nothing of the bodies
-        has_base = predictions is not None or claim.group in DRIVEN
+        has_base = predictions is not None or claim.group in groups.DRIVEN
         if claim.status == "proved" and has_base:
             bounds.append(_bound(claim, linkage, path))
     if not bounds:
@@ -130,11 +123,11 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
         change += (_GAP_FACTOR - 1.0) * claim.bound
     limit = claim.limit
     if claim.smallest:
-        if claim.group in MARGINS:
+        if claim.group in groups.MARGINS:
             limit -= TOUCHING
         row["at least"] = max(claim.bound - change, limit)
     else:
-        if claim.group in SPEEDS:
+        if claim.group in groups.SPEEDS:
             limit *= 1.0 + SPEED_EXCESS
         row["at most"] = min(claim.bound + change, limit)
     if np.isfinite(claim.limit):
@@ -336,8 +329,8 @@ def _turns(c: Array) -> Array:
     Args:
         c: (order + 1, N, 3, 3) coefficients of the rotations.
     """
-    places = nodes(len(c) - 1)
-    powers = places[:, None] ** np.arange(len(c))
+    nodes = chebyshev_nodes(len(c) - 1)
+    powers = nodes[:, None] ** np.arange(len(c))
     R = np.einsum("ik,kaxy->iaxy", powers, c)
     turns = np.stack(
         [

@@ -14,8 +14,13 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.proof.rounding import UNIT_ROUNDOFF
 
-_UNIT = 2.0**-53
+_PRODUCT_ROUNDINGS = 8
+"""Bound of the number of roundings in a scalar product of three terms: 3 products and 2 sums, with a margin."""
+
+_MARGIN = 1 + 1e-12
+"""Factor by which radii are enlarged, because they are rounded themselves."""
 
 _LARGEST_DEFECT = 1e-12
 """Largest entry of R^T R - 1 of a rotation R whose numbers count as rounded."""
@@ -39,8 +44,11 @@ class RigidFrame:
         """Return the inverse pose; its radius contains the rounding."""
         p = np.abs(self.T[:3, 3])
         R = np.abs(self.T[:3, :3])
-        # -R^T p: an error of each entry of R, and 3 products and 2 sums that are rounded
-        radius = (self.R_radius * (p + self.p_radius).sum() + 8 * _UNIT * (R.T @ p) + R.T @ self.p_radius) * (1 + 1e-12)
+        # -R^T p: an error of each entry of R, one of p, and the rounding of the product
+        from_rotation = self.R_radius * (p + self.p_radius).sum()
+        from_position = R.T @ self.p_radius
+        rounding = _PRODUCT_ROUNDINGS * UNIT_ROUNDOFF * (R.T @ p)
+        radius = (from_rotation + rounding + from_position) * _MARGIN
         return RigidFrame(spatial.inverse(self.T), self.R_radius, radius)
 
 
@@ -62,8 +70,9 @@ def rigid_frame(T: Array, name: str) -> RigidFrame:
             f"{name}: the rotation is orthogonal to {defect:.1e} only; a proof needs {_LARGEST_DEFECT:.0e}: write its "
             "numbers with 15 digits"
         )
-    # the rounding of the defect is below 8 * 2^-53
-    return RigidFrame(numbers, 3.0 * (defect + 8 * _UNIT) * (1 + 1e-12), np.zeros(3))
+    # the columns have the length 1, so that the rounding of the defect has this bound
+    largest_defect = defect + _PRODUCT_ROUNDINGS * UNIT_ROUNDOFF
+    return RigidFrame(numbers, 3.0 * largest_defect * _MARGIN, np.zeros(3))
 
 
 def joint_frames(mechanism_name: str, joint_name: str, parent: Array, child: Array) -> tuple[RigidFrame, RigidFrame]:

@@ -20,20 +20,18 @@ from twin.core.spatial import Array
 from twin.proof.motion.linkage import Linkage, PlacedLinkage
 from twin.proof.motion.prediction import RELATIVE_ZERO, Poses, predicted
 from twin.proof.motion.taylor import TaylorModel
+from twin.proof.rounding import UNIT_ROUNDOFF
 
 MARGIN = 1.0 + 1e-12
 """Factor by which bounds are increased, because sums and products of bounds are rounded."""
 
-_UNIT = 2.0**-53
-"""Largest relative rounding error of one operation."""
-
-_BOXES = 4
+_MOST_BOXES = 4
 """Number of boxes that are tried on a piece."""
 
-_FIRST_BOX = 1e-12
+_SMALLEST_BOX = 1e-12
 """Half of the smallest box that is tried, in m or rad."""
 
-_FIRST_FACTOR = 8.0
+_FIRST_BOX_FACTOR = 8.0
 """Half of the first box as a multiple of the move from the prediction towards the motion."""
 
 _GROWTH = 3.0
@@ -45,13 +43,13 @@ _LARGEST_BOX = 0.1
 _UNKNOWN_BOX = 1.0
 """Half of a box, in m or rad, on a piece where no finite one is known: it only keeps the arithmetic finite."""
 
-_ROTATION_ERROR = 64 * _UNIT
+_TURN_ERROR = 64 * UNIT_ROUNDOFF
 """Bound of the rounding error of a product of two rotations, 1 less, and of its norm."""
 
-_VALUE_ERROR = 64 * _UNIT
+_BORDER_VALUE_ERROR = 64 * UNIT_ROUNDOFF
 """Relative bound of the rounding of values of the polynomials, and of the full turns that are subtracted."""
 
-_NEARLY_ONE = 1.01
+_ROTATION_NORM = 1.01
 """Factor of the error of a rotation in a product with another one, whose norm is 1 but for its own error."""
 
 _TURN_TO_COORDINATES = 1.1
@@ -176,10 +174,10 @@ def _krawczyk_boxes(
         inverse: (N, passive, rows) the matrices A.
         move: (N, passive) bounds of A F at the prediction.
     """
-    box = _FIRST_FACTOR * move + _FIRST_BOX
+    box = _FIRST_BOX_FACTOR * move + _SMALLEST_BOX
     image = box
     is_inside = np.zeros(len(box), bool)
-    for _ in range(_BOXES):
+    for _ in range(_MOST_BOXES):
         finite_box = np.where(np.isfinite(box), box, _UNKNOWN_BOX)
         placed = linkage.place(_widened(linkage, prediction, finite_box), balls)
         product = linkage.jacobian(placed)[:, :, linkage.passive].before(inverse)
@@ -234,7 +232,7 @@ def connected(closed: ClosedLinkage, linkage: Linkage, ends: Array, starts: Arra
             if linkage.coordinates[i].joint == name:
                 distance[:, column] = _TURN_TO_COORDINATES * turn
     sizes = np.abs(closed.prediction.c).sum(axis=0)[:, linkage.passive]
-    distance = distance + _VALUE_ERROR * (sizes[:-1] + sizes[1:])
+    distance = distance + _BORDER_VALUE_ERROR * (sizes[:-1] + sizes[1:])
     # how far from the prediction of the other piece the motion of a piece may be
     reach_in_next = distance + _MOTION_FACTOR * closed.motion_box[:-1]
     reach_in_piece = distance + _MOTION_FACTOR * closed.motion_box[1:]
@@ -256,6 +254,6 @@ def _turns_at_borders(R: TaylorModel, powers_at_end: Array, powers_at_start: Arr
     R_start = np.einsum("ak,kaij->aij", powers_at_start, R.c)[1:]
     turn = np.linalg.norm(np.swapaxes(R_start, 1, 2) @ R_end - np.eye(3), axis=(1, 2))
     # a power of x, its product with a coefficient and the sum are rounded at most 2 order + 1 times
-    entries = R.r + 2 * (R.order + 1) * _UNIT * np.abs(R.c).sum(axis=0)
-    errors = _NEARLY_ONE * np.linalg.norm(entries, axis=(1, 2))
-    return turn + errors[:-1] + errors[1:] + _ROTATION_ERROR
+    entries = R.r + 2 * (R.order + 1) * UNIT_ROUNDOFF * np.abs(R.c).sum(axis=0)
+    errors = _ROTATION_NORM * np.linalg.norm(entries, axis=(1, 2))
+    return turn + errors[:-1] + errors[1:] + _TURN_ERROR

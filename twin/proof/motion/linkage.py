@@ -15,11 +15,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.proof.motion.loop_gaps import ARM, gap_derivatives, gap_rows
 from twin.proof.motion.taylor import TaylorModel, constant, cross, stacked
 from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
-
-ARM = 0.1
-"""Length in m by which gaps of directions, in rad, are multiplied."""
 
 _PARTS: dict[str, tuple[str, ...]] = {
     "revolute": ("turn",),
@@ -32,9 +30,6 @@ _PARTS: dict[str, tuple[str, ...]] = {
 
 _AXES = {"turn": 2, "z": 2, "y": 1, "x": 0}
 """Number of the axis of the joint's frame about which a coordinate turns."""
-
-_ANTISYMMETRIC = ((2, 1), (0, 2), (1, 0))
-"""Entries of a rotation whose differences from their mirror images are its turns about x, y and z, twice the sines."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ class LinkageCoordinate:
 
 
 @dataclass(frozen=True)
-class Columns:
+class CoordinateAxes:
     """How each of m coordinates moves the bodies after it: axis (N, m, 3) and a point on it (N, m, 3), in base."""
 
     axes: TaylorModel
@@ -90,11 +85,11 @@ class PlacedLinkage:
 
     Attributes:
         frames: {body: its frame in base}.
-        columns: the motion by each coordinate.
+        motions: the motion by each coordinate.
     """
 
     frames: Mapping[str, PlacedFrame]
-    columns: Columns
+    motions: CoordinateAxes
 
 
 class Linkage:
@@ -121,7 +116,7 @@ class Linkage:
         self.passive = [i for i, coordinate in enumerate(self.coordinates) if not coordinate.active]
         # q has the order of the mechanism, which need not be that of the tree
         self.driven = [self.index(joint.name) for joint in mechanism.active]
-        self._moved = self._masks()
+        self._moving = self._moving_coordinates()
         self._frames: dict[str, tuple[RigidFrame, RigidFrame]] = {}
         for joint in mechanism.joints:
             self._frames[joint.name] = joint_frames(
@@ -135,7 +130,7 @@ class Linkage:
         """Whether there are loops or couplings to close."""
         return bool(self.mechanism.loops or self.mechanism.couplings)
 
-    def _masks(self) -> dict[str, np.ndarray]:
+    def _moving_coordinates(self) -> dict[str, np.ndarray]:
         """Return {body: mask (m,) of the coordinates that move it}."""
         masks = {self.mechanism.base: np.zeros(len(self.coordinates), bool)}
         for joint in self.mechanism.tree:
@@ -158,28 +153,28 @@ class Linkage:
         frames = {self.mechanism.base: origin}
         axes = []
         centres = []
-        i = 0
+        index = 0  # of the coordinate
         for joint in self.mechanism.tree:
             on_parent, on_child = self._frames[joint.name]
             frame = frames[joint.parent].then(on_parent)
             if joint.name in balls:
                 frame = PlacedFrame(frame.R @ balls[joint.name], frame.p)
             for part in _parts(joint):
-                value = coordinates[:, i]
+                value = coordinates[:, index]
                 if part == "slide":
                     axis = frame.R[..., 2]
                     frame = PlacedFrame(frame.R, frame.p + axis * value[:, None])
                 else:
-                    number = _AXES[part]
-                    axis = frame.R[..., number]
-                    frame = PlacedFrame(_turned(frame.R, value, number), frame.p)
+                    axis_number = _AXES[part]
+                    axis = frame.R[..., axis_number]
+                    frame = PlacedFrame(_turned(frame.R, value, axis_number), frame.p)
                 axes.append(axis)
                 centres.append(frame.p)
-                i += 1
+                index += 1
             frames[joint.child] = frame.then(on_child.inverse())
         if not axes:
-            return PlacedLinkage(frames, Columns(origin.p[:, None, :], origin.p[:, None, :]))
-        return PlacedLinkage(frames, Columns(stacked(axes, -2), stacked(centres, -2)))
+            return PlacedLinkage(frames, CoordinateAxes(origin.p[:, None, :], origin.p[:, None, :]))
+        return PlacedLinkage(frames, CoordinateAxes(stacked(axes, -2), stacked(centres, -2)))
 
     def relative(
         self, placed: PlacedLinkage, joint: Joint
@@ -200,7 +195,7 @@ class Linkage:
         rows = []
         for joint in self.mechanism.loops:
             _, _, offset, R = self.relative(placed, joint)
-            rows += _gap_rows(joint, offset, R)
+            rows += gap_rows(joint, offset, R)
         for coupling in self.mechanism.couplings:
             total = constant(np.full(coordinates.shape[:1], -coupling.total), coordinates.order)
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
@@ -214,7 +209,7 @@ class Linkage:
         The gaps are sines: they are zero too where the two z axes of a joint, or the y axes of one that cannot turn,
         are opposite.
         """
-        is_aligned = np.ones(placed.columns.axes.shape[0], bool)
+        is_aligned = np.ones(placed.motions.axes.shape[0], bool)
         for joint in self.mechanism.loops:
             if joint.type not in ("revolute", "cylindrical", "prismatic", "fixed"):
                 continue
@@ -229,18 +224,18 @@ class Linkage:
     def jacobian(self, placed: PlacedLinkage) -> TaylorModel:
         """Return the derivatives (N, rows, m) of the gaps with respect to the coordinates."""
         rows = []
-        axes = placed.columns.axes
+        axes = placed.motions.axes
         slides = self._slides()
         for joint in self.mechanism.loops:
             first, second, _, R = self.relative(placed, joint)
             # a coordinate that moves both bodies, or none, changes no gap; one of the parent counts backwards
-            relative_motion = self._moved[joint.child].astype(float) - self._moved[joint.parent]
+            relative_motion = self._moving[joint.child].astype(float) - self._moving[joint.parent]
             axes_in_first = (axes @ first.R) * relative_motion[:, None]
             turns = axes_in_first * (~slides)[:, None].astype(float)
-            lever = second.p[:, None, :] - placed.columns.centres
-            of_turns = (cross(axes, lever) @ first.R) * (relative_motion * ~slides)[:, None]
-            offsets = of_turns + axes_in_first * slides[:, None].astype(float)
-            rows += _rate_rows(joint, offsets, turns, R)
+            lever = second.p[:, None, :] - placed.motions.centres
+            offsets_by_turns = (cross(axes, lever) @ first.R) * (relative_motion * ~slides)[:, None]
+            offsets_by_slides = axes_in_first * slides[:, None].astype(float)
+            rows += gap_derivatives(joint, offsets_by_turns + offsets_by_slides, turns, R)
         for coupling in self.mechanism.couplings:
             row = np.zeros((axes.shape[0], len(self.coordinates)))
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
@@ -256,9 +251,9 @@ class Linkage:
         `rates` (N, m) are the rates of the coordinates.
         """
         slides = self._slides()
-        is_moved = self._moved[body]
-        axes = placed.columns.axes
-        lever = p[:, None, :] - placed.columns.centres
+        is_moved = self._moving[body]
+        axes = placed.motions.axes
+        lever = p[:, None, :] - placed.motions.centres
         turning = axes * rates[..., None] * (is_moved & ~slides)[:, None].astype(float)
         sliding = axes * rates[..., None] * (is_moved & slides)[:, None].astype(float)
         velocity = (cross(turning, lever) + sliding).total(-2)
@@ -333,47 +328,6 @@ def _turned(R: TaylorModel, angle: TaylorModel, axis: int) -> TaylorModel:
     columns[i] = R[..., i] * cosine[:, None] + R[..., j] * sine[:, None]
     columns[j] = R[..., j] * cosine[:, None] - R[..., i] * sine[:, None]
     return stacked(columns)
-
-
-def _locked_axes(joint: Joint) -> list[int]:
-    """Return the axes x, y, z, by numbers, along which a joint does not let its child move."""
-    return [axis for axis in range(3) if axis not in joint.free_axes]
-
-
-def _gap_rows(joint: Joint, offset: TaylorModel, R: TaylorModel) -> list[TaylorModel]:
-    """Return the gaps of a loop joint along and about its locked axes."""
-    rows = [offset[:, axis] for axis in _locked_axes(joint)]
-    if joint.type in ("fixed", "prismatic"):
-        for i, j in _ANTISYMMETRIC:
-            rows.append((R[:, i, j] - R[:, j, i]) * (ARM / 2))
-    elif joint.type in ("revolute", "cylindrical"):
-        rows.append(R[:, 1, 2] * -ARM)
-        rows.append(R[:, 0, 2] * ARM)
-    return rows
-
-
-def _rate_rows(joint: Joint, offsets: TaylorModel, turns: TaylorModel, R: TaylorModel) -> list[TaylorModel]:
-    """Return the derivatives (N, m) of the gaps of a loop joint.
-
-    Args:
-        joint: the joint.
-        offsets: (N, m, 3) derivatives of the offset.
-        turns: (N, m, 3) rotation of the second frame by each coordinate, in the first frame.
-        R: (N, 3, 3) rotation of the second frame in the first.
-    """
-    rows = [offsets[..., axis] for axis in _locked_axes(joint)]
-    if joint.type == "spherical":
-        return rows
-    changes = []  # (N, m, 3) derivatives of the columns of R
-    for column in range(3):
-        changes.append(cross(turns, R[:, None, :, column]))
-    if joint.type in ("fixed", "prismatic"):
-        for i, j in _ANTISYMMETRIC:
-            rows.append((changes[j][..., i] - changes[i][..., j]) * (ARM / 2))
-    else:
-        rows.append(changes[2][..., 1] * -ARM)
-        rows.append(changes[2][..., 0] * ARM)
-    return rows
 
 
 def rotation_of(quaternions: TaylorModel) -> TaylorModel:

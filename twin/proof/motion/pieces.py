@@ -11,10 +11,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-FIRST = 15
-"""Pieces of a phase at the beginning; halved 4, 5 or 6 times, they are 240, 480 or 960 intervals."""
+_FIRST_COUNT = 15
+"""Number of pieces of a phase at the beginning; halved 4, 5 or 6 times, they are 240, 480 or 960 intervals."""
 
-DEEPEST = 9
+MOST_HALVINGS = 9
 """How often a piece is halved at most."""
 
 OVERLAP = 1e-9
@@ -28,7 +28,7 @@ class Pieces:
     Attributes:
         phase: (N,) index of the phase.
         level: (N,) how often a first piece was halved.
-        place: (N,) index among the FIRST * 2**level pieces of this level.
+        place: (N,) index among the `_FIRST_COUNT` * 2**level pieces of this level.
     """
 
     phase: np.ndarray
@@ -44,7 +44,7 @@ class Pieces:
         """(N,) number of pieces of the level in a phase."""
         # A power of two times a small integer is exact in double precision, so that borders of all levels meet
         # exactly.
-        return FIRST * 2.0**self.level
+        return _FIRST_COUNT * 2.0**self.level
 
     @property
     def middle(self) -> Array:
@@ -61,24 +61,24 @@ class Pieces:
         """(first (N,), last (N,)) value of the path parameter, without `OVERLAP`."""
         return self.place / self.counts, (self.place + 1) / self.counts
 
-    def some(self, which: np.ndarray) -> Pieces:
-        """Return the pieces of an index or a mask."""
-        return Pieces(self.phase[which], self.level[which], self.place[which])
+    def chosen(self, indices_or_mask: np.ndarray) -> Pieces:
+        """Return some of the pieces, given by their indices (m,) or by a mask (N,)."""
+        return Pieces(self.phase[indices_or_mask], self.level[indices_or_mask], self.place[indices_or_mask])
 
-    def halved(self, which: np.ndarray) -> Pieces:
-        """Return the pieces, of which those of the mask `which` (N,) are halved."""
-        count = np.where(which, 2, 1)
-        old = np.repeat(np.arange(len(self)), count)
+    def halved(self, is_halved: np.ndarray) -> Pieces:
+        """Return the pieces, of which those of a mask (N,) are halved."""
+        parts = np.where(is_halved, 2, 1)
+        whole = np.repeat(np.arange(len(self)), parts)  # of each new piece, the piece of which it is a part
         # A halved piece occurs twice in a row; only its second occurrence equals the entry before.
-        second = np.concatenate([[False], old[1:] == old[:-1]])
-        new = self.some(old)
-        halves = which[old]
-        level = np.where(halves, new.level + 1, new.level)
-        place = np.where(halves, 2 * new.place + second, new.place)
-        return replace(new, level=level, place=place)
+        is_second_half = np.concatenate([[False], whole[1:] == whole[:-1]])
+        repeated = self.chosen(whole)
+        is_half = is_halved[whole]
+        level = np.where(is_half, repeated.level + 1, repeated.level)
+        place = np.where(is_half, 2 * repeated.place + is_second_half, repeated.place)
+        return replace(repeated, level=level, place=place)
 
 
 def first_pieces(phases: int) -> Pieces:
     """Return the first pieces of all phases."""
-    phase = np.repeat(np.arange(phases), FIRST)
-    return Pieces(phase, np.zeros(len(phase), int), np.tile(np.arange(FIRST), phases))
+    phase = np.repeat(np.arange(phases), _FIRST_COUNT)
+    return Pieces(phase, np.zeros(len(phase), int), np.tile(np.arange(_FIRST_COUNT), phases))

@@ -20,15 +20,15 @@ RELATIVE_ZERO = 1e-9
 _ITERATIONS = 6
 """Largest number of Newton steps at the states through which a prediction passes."""
 
-_SOLVED = 1e-13
+_LAST_STEP = 1e-13
 """Step in m or rad below which a state is solved."""
 
 Poses = Mapping[str, Array]
 """{body: T_base_body (k, 4, 4)}."""
 
 
-def nodes(order: int) -> Array:
-    """Return the places (order + 1,) in [-1, 1] of the states through which predictions pass."""
+def chebyshev_nodes(order: int) -> Array:
+    """Return the nodes (order + 1,) in [-1, 1] of the states through which predictions pass."""
     k = np.arange(order + 1)
     return np.sort(np.cos((k + 0.5) * np.pi / (order + 1)))
 
@@ -44,14 +44,14 @@ def predicted(linkage: Linkage, q: TaylorModel, poses: Poses) -> tuple[TaylorMod
     order = q.order
     count = q.shape[0]
     values, balls = linkage.coordinates_at(poses)
-    places = nodes(order)
-    powers = places[:, None] ** np.arange(order + 1)
+    nodes = chebyshev_nodes(order)
+    powers = nodes[:, None] ** np.arange(order + 1)
     driven_at_nodes = np.einsum("ik,kaj->aij", powers, q.c)  # (N, order + 1, n)
-    values[:, linkage.driven] = driven_at_nodes.reshape(count * len(places), -1)
+    values[:, linkage.driven] = driven_at_nodes.reshape(count * len(nodes), -1)
     if linkage.closes:
         values, balls = solved(linkage, values, balls)
     to_coefficients = np.asarray(np.linalg.inv(powers), np.float64)
-    values = values.reshape(count, len(places), -1)
+    values = values.reshape(count, len(nodes), -1)
     values = _without_jumps(linkage, values)
     c = np.einsum("ki,aij->kaj", to_coefficients, values)
     c[:, :, linkage.driven] = q.c
@@ -59,7 +59,7 @@ def predicted(linkage: Linkage, q: TaylorModel, poses: Poses) -> tuple[TaylorMod
     r[:, linkage.driven] = q.r
     rotations = {}
     for name, R in balls.items():
-        rotations[name] = _rotation_through(R.reshape(count, len(places), 3, 3), to_coefficients)
+        rotations[name] = _rotation_through(R.reshape(count, len(nodes), 3, 3), to_coefficients)
     return TaylorModel(c, r), rotations
 
 
@@ -86,7 +86,7 @@ def solved(
     values: Array,
     balls: Mapping[str, Array],
     iterations: int = _ITERATIONS,
-    longest: float = np.inf,
+    longest_step: float = np.inf,
 ) -> tuple[Array, dict[str, Array]]:
     """Return coordinates (k, m) and rotations of balls (k, 3, 3) with closed loops, by Newton's method.
 
@@ -95,7 +95,7 @@ def solved(
         values: coordinates (k, m) to start from; the passive ones are changed in place.
         balls: rotations {ball joint: (k, 3, 3)} to start from.
         iterations: largest number of steps.
-        longest: largest change of a coordinate in a step, in m or rad.
+        longest_step: largest change of a coordinate in a step, in m or rad.
     """
     rotations = dict(balls)
     passive = linkage.passive
@@ -108,7 +108,7 @@ def solved(
         if not (np.isfinite(gaps).all() and np.isfinite(jacobian).all()):
             break
         steps = -(np.linalg.pinv(jacobian, rcond=RELATIVE_ZERO) @ gaps[..., None])[..., 0]
-        steps = np.clip(steps, -longest, longest)
+        steps = np.clip(steps, -longest_step, longest_step)
         turns: dict[str, Array] = {}
         for column, i in enumerate(passive):
             coordinate = linkage.coordinates[i]
@@ -119,6 +119,6 @@ def solved(
                 turn[:, "xyz".index(coordinate.part)] = steps[:, column]
         for name, turn in turns.items():
             rotations[name] = rotations[name] @ spatial.exp_so3(turn)
-        if np.abs(steps).max(initial=0.0) < _SOLVED:
+        if np.abs(steps).max(initial=0.0) < _LAST_STEP:
             break
     return values, rotations

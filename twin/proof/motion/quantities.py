@@ -1,9 +1,12 @@
-"""What a path is judged by, enclosed on every cell: an interval of s within one piece and between two grid points."""
+"""What a path is judged by, enclosed on every cell of time: limits, speeds, RCM, gaps and determinant.
+
+Each value is a Taylor model on a cell; its range is proved, with the rounding of what computes it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,22 +16,15 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.motion import value_groups as groups
 from twin.proof.motion.closure import ClosedLinkage
+from twin.proof.motion.enclosure import Enclosure
 from twin.proof.motion.linkage import Linkage, PlacedFrame
 from twin.proof.motion.loop_determinant import log_determinant, start_log_determinant
-from twin.proof.motion.path import TimedPath, TimedPhase
-from twin.proof.motion.pieces import Pieces
+from twin.proof.motion.path import TimedPath
 from twin.proof.motion.rates import rates
 from twin.proof.motion.taylor import TaylorModel, cross
+from twin.proof.motion.time_cells import TimeCells
 from twin.proof.rigid_frame import rigid_frame
-
-_UNIT = 2.0**-53
-"""Relative rounding error of an operation in double precision."""
-
-_CELL_OVERLAP = 1e-12
-"""Fraction by which a cell is longer than the interval that it stands for."""
-
-_SHORTEST_CELL = 16 * _UNIT
-"""Distance in s from the end of a piece within which a grid point is no new cell: it is that end, rounded."""
+from twin.proof.rounding import UNIT_ROUNDOFF
 
 _AXIS_ERROR = 1e-12
 """Bound of the relative difference of the length of a shaft's axis from 1."""
@@ -42,108 +38,14 @@ _LARGEST_DEFECT = 0.5
 _FUNCTION_ERROR = 4e-15
 """Bound of the error of NumPy's inverse functions for angles within a turn, in rad."""
 
+_QUOTIENT_ERROR = 8 * _FUNCTION_ERROR
+"""Bound in rad of the error of the arc tangent of a rounded quotient of sine and cosine, added to the middle angle."""
 
-@dataclass(frozen=True)
-class TimeCells:
-    """M intervals in which values are enclosed, in the order of time.
+_ROOT_ERROR = 4 * UNIT_ROUNDOFF
+"""Bound of the relative error of a rounded square root."""
 
-    Attributes:
-        piece: (M,) index of the piece.
-        phase: (M,) index of the phase.
-        first, last: (M,) both ends in s.
-        middle, width: (M,) the cell in the variable of its piece.
-        square: (M,) models of (ds/dt)^2.
-    """
-
-    piece: np.ndarray
-    phase: np.ndarray
-    first: Array
-    last: Array
-    middle: Array
-    width: Array
-    square: TaylorModel
-
-    def of(self, model: TaylorModel) -> TaylorModel:
-        """Return functions (N, ...) on pieces as functions (M, ...) on cells."""
-        chosen = model[self.piece]
-        shape = (-1,) + (1,) * (len(chosen.shape) - 1)
-        return chosen.on_parts(self.middle.reshape(shape), self.width.reshape(shape))
-
-
-@dataclass(frozen=True)
-class Enclosure:
-    """A value in every cell; of a determinant, the logarithm of its ratio to the value at the start.
-
-    Attributes:
-        name: of the joint, motor, gap or frame; "enforced" or "monitored" for an RCM.
-        group: what kind of value it is, one of `value_groups`.
-        unit: "m", "rad", "m/s", "rad/s" or "1".
-        low, high: (M,) bounds; infinite where nothing is known.
-        limit: what the value must not exceed or, if `smallest`, what it must reach.
-        smallest: whether the smallest value counts; otherwise the largest.
-    """
-
-    name: str
-    group: str
-    unit: str
-    low: Array
-    high: Array
-    limit: float
-    smallest: bool
-
-
-def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> TimeCells:
-    """Return the cells of pieces."""
-    first_of_pieces, last_of_pieces = pieces.ends
-    piece = []
-    first = []
-    last = []
-    for piece_number in range(len(pieces)):
-        piece_start = first_of_pieces[piece_number]
-        piece_end = last_of_pieces[piece_number]
-        grid = phases[pieces.phase[piece_number]].grid
-        inside = grid[(grid > piece_start + _SHORTEST_CELL) & (grid < piece_end - _SHORTEST_CELL)]
-        edges = np.concatenate([[piece_start], inside, [piece_end]])
-        piece.append(np.full(len(edges) - 1, piece_number))
-        first.append(edges[:-1])
-        last.append(edges[1:])
-    index = np.concatenate(piece)
-    start = np.concatenate(first)
-    end = np.concatenate(last)
-    # longer by the rounding of its middle as well
-    half = 0.5 * (end - start) * (1.0 + _CELL_OVERLAP) + 4 * _UNIT
-    centre = 0.5 * (start + end)
-    scale = pieces.half[index]
-    phase = pieces.phase[index]
-    return TimeCells(
-        piece=index,
-        phase=phase,
-        first=start,
-        last=end,
-        middle=(centre - pieces.middle[index]) / scale,
-        width=half / scale,
-        square=_squares(phases, phase, centre, half, order),
-    )
-
-
-def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, half: Array, order: int) -> TaylorModel:
-    """Return models (M,) of (ds/dt)^2, linear in s, on cells."""
-    c = np.zeros((order + 1, len(centre)))
-    r = np.zeros(len(centre))
-    for k, timed in enumerate(phases):
-        in_phase = phase == k
-        squares = timed.rates**2  # at the grid points
-        segment = np.clip(np.searchsorted(timed.grid, centre[in_phase], side="right") - 1, 0, len(squares) - 2)
-        slopes = np.diff(squares) / np.diff(timed.grid)
-        slope = slopes[segment]
-        # near an end the cell may reach into the next segment by the rounding of s
-        beside = np.abs(np.concatenate([slopes[:1], slopes, slopes[-1:]]))
-        steepest = np.maximum(np.maximum(beside[segment], beside[segment + 1]), beside[segment + 2])
-        c[0, in_phase] = squares[segment] + (centre[in_phase] - timed.grid[segment]) * slope
-        if order > 0:
-            c[1, in_phase] = slope * half[in_phase]
-        r[in_phase] = 32 * _UNIT * (squares[segment] + squares[segment + 1]) + 4 * _SHORTEST_CELL * steepest
-    return TaylorModel(c, r)
+_INVERSE_MARGIN = 1.0 + 1e-9
+"""Factor that exceeds the rounding of the bound of an inverse matrix."""
 
 
 def enclosures(
@@ -159,9 +61,9 @@ def enclosures(
         slopes: (N, n) their derivatives with respect to s.
         closed: the mechanism on the pieces.
     """
-    yield from _driven(linkage, path, cells, q, slopes)
+    yield from _driven_values(linkage, path, cells, q, slopes)
     is_closed = closed.closed[cells.piece]
-    for enclosure in _of_mechanism(linkage, path, cells, slopes, closed):
+    for enclosure in _mechanism_values(linkage, path, cells, slopes, closed):
         low = np.where(is_closed, enclosure.low, -np.inf)
         high = np.where(is_closed, enclosure.high, np.inf)
         yield replace(enclosure, low=low, high=high)
@@ -170,7 +72,7 @@ def enclosures(
 # ------------------------------------------------------------------------------------------- driven joints
 
 
-def _driven(
+def _driven_values(
     linkage: Linkage, path: TimedPath, cells: TimeCells, q: TaylorModel, slopes: TaylorModel
 ) -> Iterator[Enclosure]:
     """Yield limits and speeds of driven joints and motors, and gaps between carriages."""
@@ -220,14 +122,16 @@ def _motor_rows(mechanism: Mechanism) -> tuple[Array, Array]:
     X = mechanism.motors(np.eye(len(M))).T
     if np.array_equal(M, np.eye(len(M))):
         return X, np.zeros_like(X)
-    rounding = (len(M) + 4) * 2 * _UNIT * (np.abs(M) @ np.abs(X) + np.eye(len(M)))
+    # a sum of n products has n roundings of its terms and sums; doubled, with room for the difference from 1
+    roundings = 2 * (len(M) + 4)
+    rounding = roundings * UNIT_ROUNDOFF * (np.abs(M) @ np.abs(X) + np.eye(len(M)))
     E = np.abs(np.eye(len(M)) - M @ X) + rounding
     norm = float(E.sum(axis=1).max())
     if not norm < _LARGEST_DEFECT:
         return X, np.full_like(X, np.inf)
-    # |X| |E|, and what follows is at most the norms of X and E^2 / (1 - E)
-    beyond = float(np.abs(X).sum(axis=1).max()) * norm**2 / (1.0 - norm)
-    return X, (np.abs(X) @ E + beyond) * (1.0 + 1e-9)
+    # |X| |E|, and the terms after it are at most the norms of X and E^2 / (1 - E)
+    further_terms = float(np.abs(X).sum(axis=1).max()) * norm**2 / (1.0 - norm)
+    return X, (np.abs(X) @ E + further_terms) * _INVERSE_MARGIN
 
 
 def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limits: tuple[float, float]) -> Enclosure:
@@ -236,7 +140,8 @@ def _margin(name: str, group: str, unit: str, bounds: tuple[Array, Array], limit
     lower, upper = limits
     smallest = np.minimum(low - lower, upper - high)
     largest = np.minimum(high - lower, upper - low)
-    spread = 2 * _UNIT * (np.abs(smallest) + np.abs(low) + np.abs(high))
+    # one subtraction is rounded
+    spread = 2 * UNIT_ROUNDOFF * (np.abs(smallest) + np.abs(low) + np.abs(high))
     return Enclosure(name, group, unit, smallest - spread, largest + spread, 0.0, smallest=True)
 
 
@@ -247,8 +152,8 @@ def _speed(slope: TaylorModel, cells: TimeCells) -> tuple[Array, Array]:
 
 def _root(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return bounds of the root of a value that is not negative."""
-    low = np.sqrt(np.maximum(bounds[0], 0.0)) * (1.0 - 4 * _UNIT)
-    high = np.sqrt(np.maximum(bounds[1], 0.0)) * (1.0 + 4 * _UNIT)
+    low = np.sqrt(np.maximum(bounds[0], 0.0)) * (1.0 - _ROOT_ERROR)
+    high = np.sqrt(np.maximum(bounds[1], 0.0)) * (1.0 + _ROOT_ERROR)
     return low, high
 
 
@@ -262,18 +167,18 @@ def _absolute(bounds: tuple[Array, Array]) -> tuple[Array, Array]:
 # ------------------------------------------------------------------------------------------- the mechanism
 
 
-def _of_mechanism(
+def _mechanism_values(
     linkage: Linkage, path: TimedPath, cells: TimeCells, slopes: TaylorModel, closed: ClosedLinkage
 ) -> Iterator[Enclosure]:
     """Yield limits of passive joints, distance from the RCM, speeds of the tool, gaps and determinant of the loops."""
     mechanism = linkage.mechanism
     for joint in mechanism.limited:
-        yield from _passive(linkage, cells, closed, joint)
+        yield from _passive_limits(linkage, cells, closed, joint)
     tool = mechanism.frame(mechanism.tool)
     in_tool = rigid_frame(path.T_tool_frame, f"{path.protocol}: pose of the moved frame")
     tool_frame = closed.placed.frames[tool.body].then(linkage.tool).then(in_tool)
-    yield from _rcm(path, cells, tool_frame)
-    yield from _tip(linkage, path, cells, slopes, closed, tool_frame)
+    yield from _rcm_distances(path, cells, tool_frame)
+    yield from _tool_speeds(linkage, path, cells, slopes, closed, tool_frame)
     if linkage.closes:
         gap = closed.gap[cells.piece]
         yield Enclosure(groups.LOOPS, groups.LOOP_GAP, "m", 0.0 * gap, gap, np.inf, smallest=False)
@@ -288,7 +193,7 @@ def _of_mechanism(
         yield Enclosure(groups.LOOPS, groups.DETERMINANT, "1", ratio_low, ratio_high, -np.inf, smallest=True)
 
 
-def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
+def _passive_limits(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
     """Yield the distances of a passive joint from its limits and its cone."""
     name = joint.name
     spanning = [tree_joint.name for tree_joint in linkage.mechanism.tree]
@@ -310,10 +215,10 @@ def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: J
         coordinate = closed.coordinates[:, linkage.index(joint.name)]
         yield _margin(name, groups.PASSIVE_LIMIT, "rad", cells.of(coordinate).range(), joint.limits)
         return
-    yield _margin(name, groups.PASSIVE_LIMIT, "rad", _angle(joint, cells, R), joint.limits)
+    yield _margin(name, groups.PASSIVE_LIMIT, "rad", _angle_of_rotation(joint, cells, R), joint.limits)
 
 
-def _angle(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array]:
+def _angle_of_rotation(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array]:
     """Return bounds (M,) of the angle about z of rotations R (N, 3, 3), within half a turn of the joint's limits."""
     on_cells = cells.of(R)
     middle = np.asarray(joint.angle(_as_poses(on_cells.c[0])), float)
@@ -327,8 +232,8 @@ def _angle(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array
     low, high = across.range()
     nearest, farthest = along.range()
     with np.errstate(divide="ignore", invalid="ignore"):
-        lower = np.arctan(np.minimum(low / nearest, low / farthest)) - 8 * _FUNCTION_ERROR
-        upper = np.arctan(np.maximum(high / nearest, high / farthest)) + 8 * _FUNCTION_ERROR
+        lower = np.arctan(np.minimum(low / nearest, low / farthest)) - _QUOTIENT_ERROR
+        upper = np.arctan(np.maximum(high / nearest, high / farthest)) + _QUOTIENT_ERROR
     is_bounded = nearest > 0
     return np.where(is_bounded, middle + lower, -np.inf), np.where(is_bounded, middle + upper, np.inf)
 
@@ -338,7 +243,7 @@ def _as_poses(R: Array) -> Array:
     return spatial.pose(R, np.zeros((len(R), 3)))
 
 
-def _rcm(path: TimedPath, cells: TimeCells, tool_frame: PlacedFrame) -> Iterator[Enclosure]:
+def _rcm_distances(path: TimedPath, cells: TimeCells, tool_frame: PlacedFrame) -> Iterator[Enclosure]:
     """Yield the distance of the shaft from the RCM, separately where it is enforced and where it is monitored."""
     axis = cells.of((tool_frame.R @ path.shaft_axis[:, None])[..., 0])
     tip = cells.of(tool_frame.p)
@@ -362,7 +267,7 @@ def _rcm(path: TimedPath, cells: TimeCells, tool_frame: PlacedFrame) -> Iterator
         yield Enclosure(name, groups.RCM, "m", low, high, path.rcm_tolerance, smallest=False)
 
 
-def _tip(
+def _tool_speeds(
     linkage: Linkage,
     path: TimedPath,
     cells: TimeCells,

@@ -15,15 +15,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.proof.motion.taylor import TaylorModel, constant
-
-_UNIT = 2.0**-53
-"""Largest relative rounding error of one operation."""
-
-_UP = 1.0 + 2.0**-40
-"""Factor by which bounds are enlarged: more than the rounding of the operations that compute one."""
-
-_TINY = 1e-290
-"""Added to bounds, so that underflow counts."""
+from twin.proof.rounding import BOUND_MARGIN, SMALLEST_BOUND, UNIT_ROUNDOFF
 
 _LOGARITHM_MARGIN = 1.0 + 1e-9
 """Factor by which a bound is enlarged that is computed by logarithms and exponentials."""
@@ -51,7 +43,7 @@ def on_pieces(coefficients: Array, middle: Array, half: Array, order: int) -> tu
     # the derivative with respect to s is twice that with respect to x
     counts = np.arange(1, terms + 1)[:, None, None]
     slopes = 2.0 * counts * values[1:]
-    slope_errors = 2.0 * counts * errors[1:] + 4 * _UNIT * np.abs(slopes)
+    slope_errors = 2.0 * counts * errors[1:] + 4 * UNIT_ROUNDOFF * np.abs(slopes)
     slope_beyond = 2.0 * (terms + 1) * beyond
     if terms == 0:
         return path, constant(np.zeros(path.shape), order)
@@ -81,16 +73,16 @@ def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Arr
         after = factor * x * current + factor * lower - before
         size = factor * np.abs(x) * np.abs(current) + factor * np.abs(lower) + np.abs(before)
         # the rounding of x (one unit) counts like that of a product
-        added = added + 6 * _UNIT * size + factor * lower_error
-        error = (error + added) * _UP
+        added = added + 6 * UNIT_ROUNDOFF * size + factor * lower_error
+        error = (error + added) * BOUND_MARGIN
         before = current
         current = after
         term = coefficients[j] * current[:, :, None]
         values = values + term
         bounds = bounds + np.abs(coefficients[j]) * error[:, :, None]
         sizes = sizes + np.abs(term)
-    rounding = (len(coefficients) + 2) * _UNIT * sizes
-    return values, (bounds + rounding) * _UP
+    rounding = (len(coefficients) + 2) * UNIT_ROUNDOFF * sizes
+    return values, (bounds + rounding) * BOUND_MARGIN
 
 
 def _markov(coefficients: Array, k: int) -> Array:
@@ -124,8 +116,8 @@ def _model(values: Array, errors: Array, beyond: Array, width: Array, order: int
         r = r + errors[k] * scale
         if k <= order:
             c[k] = term
-            r = r + (2 * k + 2) * _UNIT * np.abs(term)
+            r = r + (2 * k + 2) * UNIT_ROUNDOFF * np.abs(term)
         else:
             r = r + np.abs(term)
     r = r + beyond * (width**count)[:, None]
-    return TaylorModel(c, r * _UP + _TINY)
+    return TaylorModel(c, r * BOUND_MARGIN + SMALLEST_BOUND)

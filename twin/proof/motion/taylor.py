@@ -21,18 +21,13 @@ from typing import Any
 import numpy as np
 
 from twin.core.spatial import Array
-
-_UNIT = 2.0**-53
-"""Largest relative rounding error of one operation."""
-
-_UP = 1.0 + 2.0**-40
-"""Factor by which bounds are enlarged: more than the rounding of the few hundred operations that compute one."""
-
-_TINY = 1e-290
-"""Added to bounds, so that underflow counts."""
+from twin.proof.rounding import BOUND_MARGIN, SMALLEST_BOUND, UNIT_ROUNDOFF
 
 _FUNCTION_ERROR = 2.0**-49
 """Error of the sine and the cosine of NumPy, 16 units in the last place of 1; NumPy documents 4."""
+
+_FACTOR_ROUNDINGS = 32
+"""Bound of the number of roundings in a Taylor coefficient of a root or of a reciprocal, powers included."""
 
 _LARGEST_EXPONENT = 700.0
 """Exponents beyond which the exponential would overflow."""
@@ -41,9 +36,14 @@ Product = Callable[[Array, Array], Array]
 """Function that multiplies two arrays, entry by entry or as matrices."""
 
 
+def _gamma(terms: int) -> float:
+    """Return the bound of the relative rounding error of a sum of products; see the module."""
+    return (terms + 2) * UNIT_ROUNDOFF
+
+
 def _up(bound: Array) -> Array:
     """Return a bound enlarged by its own rounding."""
-    return bound * _UP + _TINY
+    return bound * BOUND_MARGIN + SMALLEST_BOUND
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class TaylorModel:
         """Return the sums."""
         b = self.like(other)
         c = self.c + b.c
-        rounding = _UNIT * np.abs(c).sum(axis=0)
+        rounding = UNIT_ROUNDOFF * np.abs(c).sum(axis=0)
         return TaylorModel(c, _up(self.r + b.r + rounding))
 
     __radd__ = __add__
@@ -105,7 +105,7 @@ class TaylorModel:
             return _product(self, other, np.multiply, 1)
         factor = np.asarray(other, float)
         c = self.c * factor
-        rounding = _UNIT * np.abs(c).sum(axis=0)
+        rounding = UNIT_ROUNDOFF * np.abs(c).sum(axis=0)
         return TaylorModel(c, _up(self.r * np.abs(factor) + rounding))
 
     __rmul__ = __mul__
@@ -117,14 +117,14 @@ class TaylorModel:
         matrix = np.asarray(other, float)
         c = self.c @ matrix
         sizes = np.abs(self.c).sum(axis=0)
-        gamma = (self.shape[-1] + 2) * _UNIT
+        gamma = _gamma(self.shape[-1])
         return TaylorModel(c, _up((self.r + gamma * sizes) @ np.abs(matrix)))
 
     def before(self, matrix: Array) -> TaylorModel:
         """Return the products matrix @ self over the last two dimensions, with numbers (..., m, n) in the matrix."""
         c = matrix @ self.c
         sizes = np.abs(self.c).sum(axis=0)
-        gamma = (matrix.shape[-1] + 2) * _UNIT
+        gamma = _gamma(matrix.shape[-1])
         return TaylorModel(c, _up(np.abs(matrix) @ (self.r + gamma * sizes)))
 
     def like(self, other: TaylorModel | Array | float) -> TaylorModel:
@@ -142,7 +142,7 @@ class TaylorModel:
     def total(self, axis: int = -1) -> TaylorModel:
         """Return the sum over a dimension of the entries, counted from the end."""
         c = self.c.sum(axis=axis)
-        gamma = self.shape[axis] * _UNIT
+        gamma = self.shape[axis] * UNIT_ROUNDOFF
         sizes = np.abs(self.c).sum(axis=0).sum(axis=axis)
         return TaylorModel(c, _up(self.r.sum(axis=axis) + gamma * sizes))
 
@@ -158,7 +158,7 @@ class TaylorModel:
         """Return sine and cosine."""
         sine = np.sin(self.c[0])
         cosine = np.cos(self.c[0])
-        varying_part, size = self._rest()
+        varying_part, size = self._varying_part()
         # the derivatives of the sine: sine, cosine, -sine, -cosine, and again
         cycle = (sine, cosine, -sine, -cosine)
         left_out = size ** (self.order + 1) / math.factorial(self.order + 1)
@@ -177,34 +177,31 @@ class TaylorModel:
 
     def root(self) -> TaylorModel:
         """Return the square root; unknown (r infinite) where the function may be zero or negative."""
-        varying_part, size = self._rest()
+        varying_part, size = self._varying_part()
         base = self.c[0]
         smallest = base - size
         positive = smallest > 0
         safe = np.where(positive, base, 1.0)
-        nearest = np.where(positive, smallest, 1.0) / _UP
+        nearest = np.where(positive, smallest, 1.0) / BOUND_MARGIN
         factors = []
-        binomial = 1.0
-        for k in range(self.order + 2):
-            factors.append(binomial * safe ** (0.5 - k))
-            binomial *= (0.5 - k) / (k + 1)
-        last = binomial_of_root(self.order + 1)
-        left_out = abs(last) * nearest ** (0.5 - self.order - 1) * size ** (self.order + 1)
-        return _from_factors(varying_part, size, factors[:-1], left_out, positive)
+        for k in range(self.order + 1):
+            factors.append(_binomial_of_root(k) * safe ** (0.5 - k))
+        left_out = abs(_binomial_of_root(self.order + 1)) * nearest ** (0.5 - self.order - 1) * size ** (self.order + 1)
+        return _from_factors(varying_part, size, factors, left_out, positive)
 
     def inverted(self) -> TaylorModel:
         """Return the reciprocal of a positive function; unknown (r infinite) where the function may be zero."""
-        varying_part, size = self._rest()
+        varying_part, size = self._varying_part()
         base = self.c[0]
         positive = base - size > 0
         safe = np.where(positive, base, 1.0)
-        nearest = np.where(positive, base - size, 1.0) / _UP
+        nearest = np.where(positive, base - size, 1.0) / BOUND_MARGIN
         # the Taylor coefficients of 1 / x at the constant term, with alternating signs
         factors = [(-1.0) ** k * safe ** (-1.0 - k) for k in range(self.order + 1)]
         left_out = (size / safe) ** (self.order + 1) / nearest
         return _from_factors(varying_part, size, factors, left_out, positive)
 
-    def _rest(self) -> tuple[TaylorModel, Array]:
+    def _varying_part(self) -> tuple[TaylorModel, Array]:
         """Return (the functions without their constant term, bounds of their absolute values)."""
         c = self.c.copy()
         c[0] = 0.0
@@ -231,7 +228,7 @@ class TaylorModel:
                 term = self.c[k] * (math.comb(k, j) * middle ** (k - j) * width**j)
                 c[j] = c[j] + term
                 sizes = sizes + np.abs(term)
-        return TaylorModel(np.array(c), _up(self.r + 8 * (order + 2) * _UNIT * sizes))
+        return TaylorModel(np.array(c), _up(self.r + 8 * (order + 2) * UNIT_ROUNDOFF * sizes))
 
     def range(self) -> tuple[Array, Array]:
         """Return proven (lower, upper) bounds (...) over the piece: those of the Bernstein coefficients.
@@ -242,11 +239,11 @@ class TaylorModel:
         matrix = _bernstein(self.order)
         coefficients = np.tensordot(matrix, self.c, axes=1)
         sizes = np.tensordot(np.abs(matrix), np.abs(self.c), axes=1).max(axis=0)
-        error = _up(self.r + 2 * (self.order + 3) * _UNIT * sizes)
+        error = _up(self.r + 2 * (self.order + 3) * UNIT_ROUNDOFF * sizes)
         low = coefficients.min(axis=0) - error
         high = coefficients.max(axis=0) + error
         # one subtraction or addition more
-        spread = 2 * _UNIT * (np.abs(low) + np.abs(high))
+        spread = 2 * UNIT_ROUNDOFF * (np.abs(low) + np.abs(high))
         low = np.where(np.isfinite(low), low - spread, -np.inf)
         high = np.where(np.isfinite(high), high + spread, np.inf)
         return low, high
@@ -291,7 +288,7 @@ def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     return stacked(parts)
 
 
-def binomial_of_root(k: int) -> float:
+def _binomial_of_root(k: int) -> float:
     """Return the binomial coefficient (1/2 over k)."""
     binomial = 1.0
     for i in range(k):
@@ -313,7 +310,7 @@ def _product(a: TaylorModel, b: TaylorModel, times: Product, terms: int) -> Tayl
     tails = np.cumsum(sizes_b[::-1], axis=0)[::-1]  # tails[m]: sum of the sizes from m on
     whole_a = sizes_a.sum(axis=0)
     whole_b = tails[0]
-    gamma = 2 * (terms + order + 3) * _UNIT
+    gamma = 2 * (terms + order + 3) * UNIT_ROUNDOFF
     error = times(whole_a, gamma * whole_b + b.r) + times(a.r, whole_b + b.r)
     for i in range(1, order + 1):
         error = error + times(sizes_a[i], tails[order + 1 - i])
@@ -336,7 +333,8 @@ def _from_factors(
         rounding = np.zeros(size.shape)
         for k, factor in enumerate(factors):
             rounding = rounding + np.abs(factor) * size**k
-        combination = _combined(varying_part._powers(), factors).widened(left_out + 32 * _UNIT * rounding)
+        error = left_out + _FACTOR_ROUNDINGS * UNIT_ROUNDOFF * rounding
+        combination = _combined(varying_part._powers(), factors).widened(error)
     return TaylorModel(np.where(is_known, combination.c, 0.0), np.where(is_known, combination.r, np.inf))
 
 

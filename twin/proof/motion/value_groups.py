@@ -16,6 +16,15 @@ TOOL_SPEED = "tool speed"
 LOOP_GAP = "loop gap"
 DETERMINANT = "determinant"
 
+SPEEDS = (JOINT_SPEED, MOTOR_SPEED, TOOL_SPEED)
+"""Groups of values that depend on the timing."""
+
+DRIVEN = (JOINT_LIMIT, JOINT_SPEED, MOTOR_LIMIT, MOTOR_SPEED, GAP)
+"""Groups of values that follow from the driven joints alone."""
+
+MARGINS = (JOINT_LIMIT, MOTOR_LIMIT, PASSIVE_LIMIT, GAP)
+"""Groups of values that must not be below their limit."""
+
 ENFORCED = "enforced"
 MONITORED = "monitored"
 """Names of the distances from the RCM."""

@@ -12,7 +12,7 @@ from twin.core.format import quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.proof.motion import value_groups as groups
-from twin.proof.motion.motion_prover import MARGINS, SPEEDS, MotionClaim
+from twin.proof.motion.motion_claims import MotionClaim
 from twin.ui.report.style import INK, PALETTE, UNFIT, log_ticks, panels, styled
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def _draw_speeds(ax: Axes, motion: ProvedMotion) -> None:
     """Draw the largest bound of all speeds, each divided by its limit, and the largest sample."""
     claims = []
     for claim in motion.proof.claims:
-        if claim.group in SPEEDS and np.isfinite(claim.limit):
+        if claim.group in groups.SPEEDS and np.isfinite(claim.limit):
             claims.append(claim)
     if not claims:
         _empty(ax, "no speed has a limit")
@@ -87,7 +87,7 @@ def _draw_margins(ax: Axes, motion: ProvedMotion) -> None:
     nearest: MotionClaim | None = None
     least = np.inf
     for claim in motion.proof.claims:
-        if claim.group not in MARGINS or not np.isfinite(claim.bound):
+        if claim.group not in groups.MARGINS or not np.isfinite(claim.bound):
             continue
         curve = motion.proof.curves[claim.group, claim.name]
         largest = float(np.max(curve.high)) - claim.limit
