@@ -53,10 +53,10 @@ def four_bar(label: str, crank: float, balls: tuple[float, ...] = ()) -> RobotSi
         Axis("c", "revolute", 0, 3, base, Z, rocker_angle),
     ]
     if not balls:
-        axes.append(Axis("h", "revolute", 2, 3, closing, Z, rocker_angle - coupler_angle, closing=True))
+        axes.append(Axis("h", "revolute", 2, 3, closing, Z, rocker_angle - coupler_angle, closes_loop=True))
     for number, height in enumerate(balls):
         point = closing + height * Z
-        axes.append(Axis(f"h_{number}", "spherical", 2, 3, point, Z, 0.0, closing=True, active=False))
+        axes.append(Axis(f"h_{number}", "spherical", 2, 3, point, Z, 0.0, closes_loop=True, active=False))
     frames = {
         "base": (0, np.eye(4)),
         "crank": (1, about(Z, crank, np.zeros(3))),
@@ -64,7 +64,7 @@ def four_bar(label: str, crank: float, balls: tuple[float, ...] = ()) -> RobotSi
         "rocker": (3, about(Z, rocker_angle, base)),
     }
     links = groups("base", "crank", "coupler", "rocker")
-    return RobotSide(label, label, tuple(axes), links, frames, tool="coupler", order=("a",))
+    return RobotSide(label, label, tuple(axes), links, frames, tool="coupler", driven_joints=("a",))
 
 
 @pytest.mark.parametrize("balls", [(-0.01, 0.01), (0.01, -0.01)])
@@ -79,12 +79,12 @@ def test_the_order_of_two_balls_of_a_hinge_does_not_matter(balls: tuple[float, .
 
 def test_a_line_without_a_positive_end_does_not_agree_with_one_across_it() -> None:
     def hinge(direction: Array) -> RobotSide:
-        axis = Axis("a", "revolute", 0, 1, np.zeros(3), direction, 0.0, directed=False)
+        axis = Axis("a", "revolute", 0, 1, np.zeros(3), direction, 0.0, is_directed=False)
         return RobotSide("hinge", "hinge", (axis,), groups("base", "arm"), {"base": (0, np.eye(4))})
 
     first, second = hinge(X), hinge(Z)
     problem = FitProblem(first, second, match(first, second), TOLERANCE)
-    assert line_gap(problem, problem.start).angles[0] == pytest.approx(np.pi / 2)
+    assert line_gap(problem, problem.unchanged).angles[0] == pytest.approx(np.pi / 2)
 
 
 def spatial_four_bar(label: str, crank: float, rod: float = 0.29) -> RobotSide:
@@ -105,7 +105,7 @@ def spatial_four_bar(label: str, crank: float, rod: float = 0.29) -> RobotSide:
         Axis("crank", "revolute", 0, 1, np.zeros(3), Z, crank),
         Axis("rocker", "revolute", 0, 2, base, X, rocker),
         Axis("near", "spherical", 1, 3, pin, Z, 0.0, active=False),
-        Axis("far", "spherical", 3, 2, end(rocker), Z, 0.0, closing=True, active=False),
+        Axis("far", "spherical", 3, 2, end(rocker), Z, 0.0, closes_loop=True, active=False),
     )
     frames = {
         "base": (0, np.eye(4)),
@@ -114,7 +114,7 @@ def spatial_four_bar(label: str, crank: float, rod: float = 0.29) -> RobotSide:
         "rod": (3, spatial.pose(spatial.frame_from_axes(end(rocker) - pin, Z), pin)),
     }
     links = groups("base", "crank", "rocker", "rod")
-    return RobotSide(label, label, axes, links, frames, tool="rocker", order=("crank",))
+    return RobotSide(label, label, axes, links, frames, tool="rocker", driven_joints=("crank",))
 
 
 def test_the_posture_in_which_a_loop_is_drawn_is_no_difference() -> None:

@@ -13,8 +13,8 @@ from made import chains
 from made.lanes import thinned
 from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.pair import compare_pair
-from twin.comparison.poses import compare_rows
-from twin.comparison.side import PoseRows, RobotSide, plain
+from twin.comparison.pose_comparison import compare_rows
+from twin.comparison.side import PoseRows, RobotSide, plain_name
 from twin.core.errors import TwinError
 from twin.exchange.read import read
 
@@ -85,8 +85,8 @@ def test_limits_that_are_no_full_turn_apart_move_no_zero(limits: str, tmp_path: 
 
 
 def test_names_that_differ_in_a_sign_between_digits_are_two_joints(tmp_path: Path) -> None:
-    assert plain("j1_1") != plain("j_11")
-    assert plain("Joint 1-2") == plain("joint_1_2")
+    assert plain_name("j1_1") != plain_name("j_11")
+    assert plain_name("Joint 1-2") == plain_name("joint_1_2")
     joints = [{"name": "j1_1"}, {"name": "j_11", "axis": "0 1 0"}]
     first = robot(tmp_path / "first.urdf", joints)
     longer = [dict(joints[0]), {**joints[1], "xyz": "0.04 0 0.1"}]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twin.comparison.dh_statements import CellStatement
-from twin.comparison.side import Axis, RobotSide, TableLine
+from twin.comparison.side import Axis, DhTableRow, RobotSide
 from twin.core import spatial
 
 VALUES = {"alpha": 0.3, "a": 0.2, "theta": 0.4, "d": 0.1}
@@ -14,7 +14,7 @@ VALUES = {"alpha": 0.3, "a": 0.2, "theta": 0.4, "d": 0.1}
 
 def cell(convention, parameter):
     units = dict.fromkeys(VALUES, 1.0)
-    row = TableLine("t.csv", 2, "q1", "link1", convention, VALUES, units, frozenset({"q2"}), frozenset({"link1"}))
+    row = DhTableRow("t.csv", 2, "q1", "link1", convention, VALUES, units, frozenset({"q2"}), frozenset({"link1"}))
     return CellStatement("t.csv", 2, f"row 'q1' {parameter}", (VALUES[parameter],), row, parameter)
 
 
@@ -99,7 +99,7 @@ def test_another_value_moves_lines_and_links_as_the_whole_table_does(row, parame
     changed = {**values, parameter: values[parameter] + 0.25}
     below = frozenset({"link1", "link2"})
     units = dict.fromkeys(values, 0.5)
-    line = TableLine("t.csv", 2, "q1", "link1", row.__name__, values, units, frozenset({"q2"}), below)
+    line = DhTableRow("t.csv", 2, "q1", "link1", row.__name__, values, units, frozenset({"q2"}), below)
     statement = CellStatement("t.csv", 2, "", (values[parameter] / 0.5,), line, parameter)
     found = statement.applied(table(values), [changed[parameter] / 0.5])
     expected = table(changed)

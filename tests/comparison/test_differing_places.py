@@ -17,10 +17,10 @@ from pxr import Usd
 import twin
 from made.lanes import robots
 from made.mechanisms import four_bar
-from twin.comparison.joined import joined
 from twin.comparison.mechanism_side import from_mechanism
+from twin.comparison.merged_joints import with_merged_joints
 from twin.comparison.pair import compare_pair
-from twin.comparison.recut import recut
+from twin.comparison.recut import with_tree_of
 from twin.comparison.side import Axis, RobotSide
 from twin.comparison.side_pair import SidePair
 from twin.core import assets
@@ -85,8 +85,8 @@ def test_two_points_that_close_a_loop_are_a_hinge(tmp_path: Path) -> None:
     mechanism = four_bar()
     first = side_of(write_mjcf(mechanism, tmp_path))
     second = from_mechanism(mechanism, "drawn")
-    assert {axis.kind for axis in first.axes if axis.closing} == {"spherical"}
-    (closing,) = [axis for axis in joined(first, second, TOLERANCE).axes if axis.closing]
+    assert {axis.kind for axis in first.axes if axis.closes_loop} == {"spherical"}
+    (closing,) = [axis for axis in with_merged_joints(first, second, TOLERANCE).axes if axis.closes_loop]
     assert closing.kind == "revolute"
     assert closing.name in [axis.name for axis in second.axes]
     pair = compare_pair(first, second, TOLERANCE)
@@ -152,16 +152,16 @@ def test_a_length_behind_three_hinges_is_found_with_its_edit(tmp_path: Path) -> 
 
 def test_another_cut_and_another_parent_are_no_difference() -> None:
     side = from_mechanism(four_bar(), "drawn")
-    (closing,) = [i for i, axis in enumerate(side.axes) if axis.closing]
+    (closing,) = [i for i, axis in enumerate(side.axes) if axis.closes_loop]
     axis = side.axes[closing]
-    other = recut(side, side)
+    other = with_tree_of(side, side)
     assert other.axes == side.axes
     turned = [*side.axes]
     turned[closing] = type(axis)(
         **{**vars(axis), "parent": axis.child, "child": axis.parent, "direction": -axis.direction}
     )
     reversed_side = type(side)(**{**vars(side), "axes": tuple(turned)})
-    again = recut(reversed_side, side).axes[closing]
+    again = with_tree_of(reversed_side, side).axes[closing]
     assert (again.parent, again.child) == (axis.parent, axis.child)
     np.testing.assert_array_equal(again.direction, axis.direction)
 
@@ -181,8 +181,8 @@ def cut_elsewhere(side: RobotSide, seed: int) -> RobotSide:
         if axis.child in reached:
             axis = replace(axis, parent=axis.child, child=axis.parent, direction=-axis.direction)
         reached.add(axis.child)
-        tree.append(replace(axis, closing=False))
-    closing = [replace(axis, closing=True, name=f"equality_{k}") for k, axis in enumerate(left)]
+        tree.append(replace(axis, closes_loop=False))
+    closing = [replace(axis, closes_loop=True, name=f"equality_{k}") for k, axis in enumerate(left)]
     return replace(side, axes=(*tree, *closing), label="cut")
 
 
@@ -198,7 +198,7 @@ def test_loops_that_are_cut_and_named_elsewhere_are_no_difference(name: str) -> 
     other = sides[-1]
     for i, axis in enumerate(other.axes):
         # the place of a hinge that one side calls otherwise
-        if axis.closing and axis.kind == "revolute":
+        if axis.closes_loop and axis.kind == "revolute":
             across = np.cross(axis.direction, np.eye(3)[int(np.argmin(np.abs(axis.direction)))])
             moved = replace(axis, point=axis.point + 0.0005 * across)
             spoiled = replace(other, axes=(*other.axes[:i], moved, *other.axes[i + 1 :]))
@@ -213,7 +213,7 @@ def test_a_joint_that_held_joints_lock_is_not_compared_alone() -> None:
         from_mechanism(mechanism, "drawn", only=["crank_joint"])
     # the loop is held at its fourth joint: the links of it are one
     side = from_mechanism(mechanism, "drawn", only=["crank_joint", "elbow", "rocker_joint"])
-    assert [axis.closing for axis in side.axes] == [False, False, True]
+    assert [axis.closes_loop for axis in side.axes] == [False, False, True]
     assert ("coupler", "rocker") in [group.bodies for group in side.groups]
 
 
@@ -472,7 +472,7 @@ def test_a_seeded_defect_is_found_and_located(name: str, suffix: str, defect: st
     joint = SPOILED[suffix](file, defect)
     if joint is None:
         assert defect == "anchor"
-        assert not any(axis.closing for axis in drawn(name).axes)
+        assert not any(axis.closes_loop for axis in drawn(name).axes)
         return
     pair = compare_pair(drawn(name), side_of(file), TOLERANCE)
     assert pair.kinematics == "disagree"

@@ -40,7 +40,7 @@ def side():
     groups = tuple(JointGroup((f"link{i}",)) for i in range(len(axes) + 1))
     order = tuple(axis.name for axis in axes)
     frames = {"tool": (len(axes), TOOL_AT_ZERO)}
-    return RobotSide("A", "arm", tuple(axes), groups, frames, tool="tool", order=order)
+    return RobotSide("A", "arm", tuple(axes), groups, frames, tool="tool", driven_joints=order)
 
 
 def rows(signs=(1, 1, 1, 1), zeros=(0, 0, 0, 0), shifts=None, noise=NOISE):

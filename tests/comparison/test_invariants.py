@@ -16,7 +16,7 @@ from twin.comparison.invariants import neighbour_lines
 from twin.comparison.matching import match
 from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.side import RobotSide
-from twin.comparison.tool_lines import may_agree
+from twin.comparison.tool_lines import may_frames_agree
 from twin.comparison.unknowns import JointDeviation, Unknowns
 from twin.exchange.read import read
 
@@ -84,7 +84,7 @@ def may_hold(problem: FitProblem, flips: tuple[int, ...] = (), deviating: tuple[
     signs = np.ones(problem.count)
     signs[list(flips)] = -1.0
     u = Unknowns(signs, np.zeros(6), np.zeros(problem.count), deviating, np.zeros((len(deviating), 6)))
-    return StatedEvidence(problem).may_hold(Evidence("tool", problem.count - 1, 1.0), u)
+    return StatedEvidence(problem).may_be_equal(Evidence("tool", problem.count - 1, 1.0), u)
 
 
 @pytest.mark.parametrize("name", ["wrist_arm", "scara"])
@@ -122,6 +122,6 @@ def test_frames_of_one_link_that_lie_elsewhere_in_each_other_are_ruled_out(tmp_p
     elsewhere = probe.copy()
     elsewhere[1, 3] += 0.0005
     signs = np.ones(problem.count)
-    assert may_agree(problem, 5, np.array([tool, probe]), np.array([tool, probe]), signs, ())
+    assert may_frames_agree(problem, 5, np.array([tool, probe]), np.array([tool, probe]), signs, ())
     for deviating in ((), (JointDeviation(5),), (JointDeviation(5, axis_only=True),)):
-        assert not may_agree(problem, 5, np.array([tool, probe]), np.array([tool, elsewhere]), signs, deviating)
+        assert not may_frames_agree(problem, 5, np.array([tool, probe]), np.array([tool, elsewhere]), signs, deviating)

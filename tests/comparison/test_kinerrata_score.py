@@ -13,7 +13,7 @@ from types import ModuleType
 import pytest
 
 from made import errata
-from twin.comparison.items import NumberEdit
+from twin.comparison.compared_items import NumberEdit
 
 SCRIPT = errata.FOLDER / "score.py"
 

@@ -38,9 +38,9 @@ def hinges(angle: float, drawn: float) -> tuple[list[Axis], Array]:
 def linkage(*, drawn: float = 0.0, closing: str = "spherical", along: Array = Z) -> RobotSide:
     """Return the parallelogram with its loop; the file draws it with its crank at a coordinate in rad."""
     axes, B = hinges(1.0 + drawn, drawn)
-    axes.append(Axis("h", closing, 2, 3, B, along, 0.0, closing=True, active=False))
+    axes.append(Axis("h", closing, 2, 3, B, along, 0.0, closes_loop=True, active=False))
     frames = {"tip": (2, spatial.pose(p=B))}
-    return RobotSide("linkage", "linkage", tuple(axes), GROUPS, frames, tool="tip", order=("a",))
+    return RobotSide("linkage", "linkage", tuple(axes), GROUPS, frames, tool="tip", driven_joints=("a",))
 
 
 def coupled() -> RobotSide:
@@ -48,7 +48,7 @@ def coupled() -> RobotSide:
     axes, B = hinges(1.0, 0.0)
     rows = (CouplingRow("b", {"b": 1.0, "a": 1.0}, 0.0), CouplingRow("c", {"c": 1.0, "a": -1.0}, 0.0))
     frames = {"tip": (2, spatial.pose(p=B))}
-    return RobotSide("mimic", "mimic", tuple(axes), GROUPS, frames, tool="tip", order=("a",), couplings=rows)
+    return RobotSide("mimic", "mimic", tuple(axes), GROUPS, frames, tool="tip", driven_joints=("a",), couplings=rows)
 
 
 def with_limits(side: RobotSide, limits: tuple[float, float] | None) -> RobotSide:
@@ -74,7 +74,7 @@ def test_a_driver_that_follows_two_joints_reaches_its_coordinate() -> None:
 
 def test_a_driver_that_its_couplings_hold_has_no_motion() -> None:
     rows = (CouplingRow("a", {"a": 1.0, "b": -2.0}, 0.0), CouplingRow("b", {"a": 1.0, "b": 1.0}, 0.3))
-    assert LinkageMotion(replace(linkage(), couplings=rows), driver=0).at_zero() is None
+    assert LinkageMotion(replace(linkage(), couplings=rows), driver=0).values_at_zero() is None
 
 
 def test_a_loop_closed_by_a_slide_or_by_a_tilted_hinge_is_none_of_points() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from made.mechanisms import four_bar
-from twin.comparison.joined import joined
 from twin.comparison.mechanism_side import from_mechanism
+from twin.comparison.merged_joints import with_merged_joints
 from twin.comparison.pair import compare_pair
-from twin.comparison.recut import recut
+from twin.comparison.recut import with_tree_of
 from twin.comparison.side import UNLIMITED, Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -37,7 +37,7 @@ def side(label: str, axes: Sequence[Axis], links: int) -> RobotSide:
     """Return a side whose links have their frames in the base frame."""
     groups = tuple(JointGroup((f"link_{k}",)) for k in range(links))
     frames = {f"link_{k}": (k, np.eye(4)) for k in range(links)}
-    return RobotSide(label, label, tuple(axes), groups, frames, tool=f"link_{links - 1}", order=("a",))
+    return RobotSide(label, label, tuple(axes), groups, frames, tool=f"link_{links - 1}", driven_joints=("a",))
 
 
 def loop(label: str = "loop") -> RobotSide:
@@ -60,7 +60,7 @@ def test_another_base_link_is_another_robot() -> None:
     number = {0: 3, 1: 0, 2: 1, 3: 2}
     axes = [replace(axis, parent=number[axis.parent], child=number[axis.child]) for axis in closed.axes]
     names = {"b": False, "h": False, "a": True, "c": True}
-    other = [replace(next(axis for axis in axes if axis.name == name), closing=cut) for name, cut in names.items()]
+    other = [replace(next(axis for axis in axes if axis.name == name), closes_loop=cut) for name, cut in names.items()]
     with pytest.raises(TwinError, match="connect different links"):
         compare_pair(closed, replace(closed, label="other", axes=tuple(other)), TOLERANCE)
 
@@ -68,12 +68,12 @@ def test_another_base_link_is_another_robot() -> None:
 def test_a_cut_elsewhere_is_found_under_names_with_a_prefix() -> None:
     closed = loop()
     a, b, c, h = closed.axes
-    turned = replace(h, parent=3, child=2, direction=-Z, closing=False)
+    turned = replace(h, parent=3, child=2, direction=-Z, closes_loop=False)
     axes = []
-    for axis in (a, c, turned, replace(b, closing=True)):
+    for axis in (a, c, turned, replace(b, closes_loop=True)):
         axes.append(replace(axis, name=f"arm_{axis.name}"))
-    other = replace(side("cut", axes, 4), order=("arm_a",))
-    assert [axis.closing for axis in recut(other, closed).axes] == [False, False, False, True]
+    other = replace(side("cut", axes, 4), driven_joints=("arm_a",))
+    assert [axis.closes_loop for axis in with_tree_of(other, closed).axes] == [False, False, False, True]
     assert compare_pair(closed, other, TOLERANCE).agrees
 
 
@@ -84,7 +84,7 @@ def test_a_weld_makes_one_link_of_two() -> None:
     found = from_mechanism(welded, "weld")
     drawn = from_mechanism(mechanism, "drawn")
     assert len(found.groups) == len(drawn.groups) - 1
-    assert [axis.closing for axis in found.axes] == [False, False, True]
+    assert [axis.closes_loop for axis in found.axes] == [False, False, True]
     with pytest.raises(TwinError, match="cannot be matched"):
         compare_pair(drawn, found, TOLERANCE)
     assert compare_pair(found, from_mechanism(welded, "again"), TOLERANCE).kinematics == "agree"
@@ -182,12 +182,12 @@ def points(gap: float, *, swapped: bool = False, rough: float = 0.0) -> RobotSid
     for k, sign in enumerate((-1.0, 1.0)):
         ends = (3, 2) if swapped and k else (2, 3)
         point = B + sign * (gap / 2 * Z + rough * X)
-        axes.append(Axis(f"h_{k}", "spherical", *ends, point, Z, 0.0, closing=True, active=False))
+        axes.append(Axis(f"h_{k}", "spherical", *ends, point, Z, 0.0, closes_loop=True, active=False))
     return replace(closed, axes=tuple(axes))
 
 
 def test_two_points_that_name_their_links_in_either_order_are_a_hinge() -> None:
-    found = joined(points(0.02, swapped=True), loop(), TOLERANCE)
+    found = with_merged_joints(points(0.02, swapped=True), loop(), TOLERANCE)
     assert (found.axes[3].parent, found.axes[3].child) == (2, 3)
     assert compare_pair(loop(), points(0.02, swapped=True), TOLERANCE).kinematics == "agree"
 

@@ -27,7 +27,7 @@ from made.errata import Entry, EntryFiles, Table, WrongNumber
 from twin.api.comparison import compare
 from twin.api.equation_checks import explain
 from twin.api.robot_loading import load
-from twin.comparison.items import NumberEdit
+from twin.comparison.compared_items import NumberEdit
 from twin.comparison.side_pair import SidePair
 from twin.core.errors import TwinError
 from twin.exchange.read import read

@@ -25,7 +25,7 @@ from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.comparison.comparison_result import Comparison
-    from twin.comparison.side import PoseRows, RobotSide, TableLine
+    from twin.comparison.side import DhTableRow, PoseRows, RobotSide
     from twin.exchange.read.imported_robot import DhOptions
     from twin.exchange.read.pose_table import ReadPoses
     from twin.exchange.xacro import XacroSettings
@@ -173,7 +173,7 @@ def _side(
     if is_stage and path.is_file():
         side = replace(_robot_side(load(stated_side), label, only), path=path)
         reread = _reread_stage(path, label, only, mirrors)
-        if side.looped:  # the stage has other names and another order than the compared tree
+        if side.has_loops:  # the stage has other names and another order than the compared tree
             return replace(side, reread_closed=reread)
         return replace(side, reread=reread)
     if str(stated_side) in names() or path.is_dir() or is_stage:
@@ -202,9 +202,9 @@ def _described_side(
         places = expanded.places
         reader_settings = settings
     side = _file_side(path, label, only, reader_settings, table)
-    side = replace(side, text=text, places=places)
+    side = replace(side, text=text, xacro_places=places)
     reread = _reread(path, label, only, table, mirrors, text)
-    if side.looped:  # to close the loops again for each number would take minutes
+    if side.has_loops:  # to close the loops again for each number would take minutes
         return replace(side, reread_closed=reread)
     return replace(side, reread=reread)
 
@@ -244,7 +244,7 @@ def _file_side(
     )
     if _is_table(path):
         joint_names = [joint.name for joint in imported.mechanism.tree]
-        return replace(side, rows=_rows(path, table, joint_names))
+        return replace(side, dh_rows=_rows(path, table, joint_names))
     return replace(side, tool_poses=_poses_of(imported.mechanism, side))
 
 
@@ -368,9 +368,9 @@ def _link_entries(source: Path, folder: Path, omitted: str) -> None:
             (folder / entry.name).symlink_to(entry)
 
 
-def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLine, ...]:
+def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhTableRow, ...]:
     """Return the rows of a table; `names` are those of its joints, whose bodies are link1, link2, ..."""
-    from twin.comparison.side import TableLine
+    from twin.comparison.side import DhTableRow
     from twin.exchange.formats.dh.table import read_table, unit_size
 
     table = read_table(path, options)
@@ -387,7 +387,7 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
         # a changed number moves what is behind it in the chain: these joints and frames
         below = frozenset(names[i + 1 :])
         frames = frozenset([*links[i:], "tool"])
-        rows.append(TableLine(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
+        rows.append(DhTableRow(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
     return tuple(rows)
 
 
@@ -425,7 +425,7 @@ def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
 
 def _poses_of(mechanism: Mechanism, side: RobotSide) -> Callable[[Array], Array] | None:
     """Return the function that closes the loops of a mechanism by the reference model; None without loops."""
-    if not side.looped:
+    if not side.has_loops:
         return None
 
     def poses(q: Array) -> Array:
@@ -434,7 +434,7 @@ def _poses_of(mechanism: Mechanism, side: RobotSide) -> Callable[[Array], Array]
         model = ReferenceModel(mechanism)
         states = np.repeat(model.home().q[None], len(q), axis=0)
         active_names = [joint.name for joint in mechanism.active]
-        for k, name in enumerate(side.order):
+        for k, name in enumerate(side.driven_joints):
             # NaN: the joint has no value at this state, so it stays at home
             is_stated = np.isfinite(q[:, k])
             states[is_stated, active_names.index(name)] = q[is_stated, k]
@@ -475,15 +475,15 @@ def _table_side(path: Path, label: str, only: Sequence[str], table: DhOptions) -
         base,
         {"base": (0, np.eye(4))},
         tool="base",
-        order=rows.joints,
+        driven_joints=rows.joints,
         path=path,
-        sampled=lambda: rows,
+        sample_poses=lambda: rows,
     )
 
 
 def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[int]:
     """Return the columns of the joints to compare; the values of all others must be zero, where they are held."""
-    from twin.comparison.side import plain
+    from twin.comparison.side import plain_name
 
     if not only:
         return list(range(len(read.joints)))
@@ -491,7 +491,7 @@ def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[in
     for name in only:
         columns = []
         for i, joint in enumerate(read.joints):
-            if plain(joint) == plain(name):
+            if plain_name(joint) == plain_name(name):
                 columns.append(i)
         if name in read.joints:  # of names that differ only in case or signs, the same one is meant
             columns = [read.joints.index(name)]
@@ -538,12 +538,12 @@ def _equations_side(source: str, label: str, only: Sequence[str]) -> RobotSide:
         return kin.forward_many(all_joints)
 
     base = (JointGroup(("base",)),)
-    side = RobotSide(label, robot.name, (), base, {"base": (0, np.eye(4))}, tool="base", order=tuple(order))
+    side = RobotSide(label, robot.name, (), base, {"base": (0, np.eye(4))}, tool="base", driven_joints=tuple(order))
     if kin.closed_forward:
         # equations of a robot with loops have no joint lines: only their poses are compared
         with contextlib.suppress(NotAChainError):
             side = chain_of(forward, tuple(order), tuple(kinds), label, robot.name, only)
-    return replace(side, sampled=lambda: _sampled_poses(robot, kin, forward))
+    return replace(side, sample_poses=lambda: _sampled_poses(robot, kin, forward))
 
 
 def _sampled_poses(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) -> PoseRows:

@@ -8,8 +8,8 @@ from pathlib import PurePosixPath
 
 from twin.checking.check_finding import CheckFinding
 from twin.checking.file_verdict import JudgedFile
+from twin.comparison.compared_items import ComparedItem
 from twin.comparison.comparison_result import Comparison
-from twin.comparison.items import ComparedItem
 from twin.core.errors import TwinError
 from twin.exchange.read import suffixes
 from twin.exchange.xacro import XacroSettings

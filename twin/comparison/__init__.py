@@ -4,7 +4,7 @@ The two sides and how they are mapped onto each other:
 
     side              one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
     mechanism_side    the side of a mechanism
-    joined            joints that one side writes as several: hinges through a point as a ball, two points as a hinge
+    merged_joints     joints that one side writes as several: hinges through a point as a ball, two points as a hinge
     recut             a robot with loops as a tree that is cut at the same joints as that of the other side
     screws            the joint lines of equations, from their forward function alone
     matching          which joint of one side is which joint of the other
@@ -27,7 +27,7 @@ The two sides and how they are mapped onto each other:
     hinge_matching    which hinge of the linkage is which of the other side
     linkage_motion    the linkage with closed loops along the stroke of its driver
     tool_path         which joints lie between base and tool, and which beside
-    poses             rows of joint values and tool poses against a robot
+    pose_comparison   rows of joint values and tool poses against a robot
     row_columns       which column of rows is which joint
     tool_motion       the tool at the rows, with changed signs, zeros and places of joints
     row_fit           base frame, tool frame and changes that fit the rows
@@ -36,8 +36,8 @@ The two sides and how they are mapped onto each other:
 
 What differs:
 
-    frames            frames of both sides with the same name
-    items             what a fit says about the two sides, as named conventions and differences
+    frame_gaps        frames of both sides with the same name
+    compared_items    what a fit says about the two sides, as named conventions and differences
     largest_difference        that of the tools over the common range
     properties        limits, velocities, masses, couplings
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.link_motions import LinkMotions
-from twin.comparison.side import ONE_COORDINATE, Axis, JointGroup, RobotSide
+from twin.comparison.side import ONE_COORDINATE_KINDS, Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -18,7 +18,7 @@ def in_common_posture(problem: FitProblem) -> tuple[RobotSide, RobotSide] | None
     then has the inertia of the bar.
     """
     links = LinkMotions(problem)
-    T = links.together()
+    T = links.fitted_to_all()
     if not links.places_agree(T, links.places):
         return None
     moves = spatial.inverse(T[0]) @ T  # relative to the base, which stays where it is
@@ -58,7 +58,7 @@ def _displacement(axis: Axis, moves: Array) -> float | None:
     turned_around = axis.direction @ R @ axis.direction < 0.0
     if turned_around and axis.kind not in ("spherical", "free"):
         return None
-    if axis.kind not in ONE_COORDINATE:
+    if axis.kind not in ONE_COORDINATE_KINDS:
         return 0.0
     if axis.kind == "prismatic":
         moved_point = R @ axis.point + T[:3, 3]

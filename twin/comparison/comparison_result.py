@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.comparison.compared_items import ComparedItem, NumberEdit
 from twin.comparison.file_numbers import why_not_edited
 from twin.comparison.fit_problem import ANGLE_PER_LENGTH
-from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.mimic import MimicError
-from twin.comparison.poses import PoseFit
-from twin.comparison.properties import KINDS, Properties, PropertyRow
+from twin.comparison.pose_comparison import PoseFit
+from twin.comparison.properties import PROPERTY_KINDS, Properties, PropertyRow
 from twin.comparison.side import RobotSide
 from twin.comparison.side_pair import SidePair
 from twin.core import spatial
@@ -27,10 +27,10 @@ from twin.core.units import MM
 _SHOWN_EDITS = 3
 """Number of edits of each side that the text of an item shows."""
 
-_NAMED = 6
+_MAX_LISTED_NAMES = 6
 """Number of joints or links that a line on values of only one side names."""
 
-_MOVED = 1e-9
+_UNMOVED_SIZE = 1e-9
 """Shift in m and rotation in rad below which a fitted frame is not moved."""
 
 
@@ -58,10 +58,10 @@ class Comparison(Result):
         findings: list[Finding] = []
         for pair in self.pairs:
             findings += self._findings(pair)
-        lonely = self.alone
-        if lonely is not None:
-            text = f"{lonely} stands alone: the other sides agree with each other, and not with it"
-            findings.append(info("compare.alone", lonely, text))
+        outlier = self.alone
+        if outlier is not None:
+            text = f"{outlier} stands alone: the other sides agree with each other, and not with it"
+            findings.append(info("compare.alone", outlier, text))
         return findings
 
     def _findings(self, pair: SidePair) -> Iterator[Finding]:
@@ -73,13 +73,13 @@ class Comparison(Result):
             return  # without an explanation, no convention and no property has a meaning
         if pair.mimic is not None:
             yield from _mimic_findings(pair.mimic, where, follows=self._mimic_follows(pair.mimic))
-        convention = disagreement if self.strict else warning
+        convention_finding = disagreement if self.strict else warning
         for item in pair.conventions:
-            yield convention("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
+            yield convention_finding("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
         # what joint lines explain is told by them; an open loop explains no pose
-        explained = bool(pair.differences) and not pair.loops_alone
-        if pair.poses is not None and not pair.poses.agrees and pair.kinematics == "disagree" and not explained:
-            text = f"The poses differ by up to {_remainder(pair.poses)} after the fit of base and tool frame."
+        is_explained = bool(pair.differences) and not pair.loops_alone
+        if pair.poses is not None and not pair.poses.agrees and pair.kinematics == "disagree" and not is_explained:
+            text = f"The poses differ by up to {_remainder_text(pair.poses)} after the fit of base and tool frame."
             yield disagreement("compare.poses", where, text, when=where)
         for item in pair.differences:
             tolerance = self.tolerance if pair.problem is None else pair.problem.tolerance
@@ -88,14 +88,14 @@ class Comparison(Result):
                 "compare.link", item.joint, _sentence(item.text), size, None, _suggestion(item), when=where, word=""
             )
         if pair.uncompared:
-            yield info("compare.uncompared", where, _sentence(_uncompared_joints(pair.uncompared)))
+            yield info("compare.uncompared", where, _sentence(_uncompared_joints_text(pair.uncompared)))
         if pair.properties is None:
             return
         for row in pair.properties.rows:
             if row.stated:
                 values = f"{row.first} in {pair.first.label}, {row.second} in {pair.second.label}"
                 text = f"{row.kind} of '{row.where}': {values}"
-                suggestion = " ".join(_edit_texts(row.edits, together=row.together))
+                suggestion = " ".join(_edit_sentences(row.edits, together=row.together))
                 yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text, suggestion=suggestion)
 
     def _mimic_follows(self, mimic: MimicError) -> bool:
@@ -107,7 +107,7 @@ class Comparison(Result):
         """Label of the side that disagrees with all others while they agree with each other, or None."""
         if len(self.sides) < 3:  # of two sides that differ, neither stands alone
             return None
-        lonely = []
+        outliers = []
         for side in self.sides:
             disagrees_with_all = True
             others_agree = True
@@ -117,9 +117,9 @@ class Comparison(Result):
                 else:
                     others_agree = others_agree and pair.agrees
             if disagrees_with_all and others_agree:
-                lonely.append(side.label)
-        if len(lonely) == 1:
-            return lonely[0]
+                outliers.append(side.label)
+        if len(outliers) == 1:
+            return outliers[0]
         return None
 
     @property
@@ -162,10 +162,10 @@ def _mimic_findings(mimic: MimicError, where: str, *, follows: bool) -> Iterator
         yield disagreement("compare.mimic", mimic.leader, text, size, None, suggestion, when=where, word="")
     if mimic.part_text():
         yield info("compare.part", where, f"The joints correspond only in part: {mimic.part_text()}.")
-    yield info("compare.uncompared", where, _sentence(_uncompared(mimic)))
+    yield info("compare.uncompared", where, _sentence(_uncompared_text(mimic)))
 
 
-def _uncompared(mimic: MimicError) -> str:
+def _uncompared_text(mimic: MimicError) -> str:
     """Return what a comparison of mimic joints with loops leaves out."""
     tools = "" if mimic.tool is not None else "tool frames, "
     return (
@@ -174,9 +174,9 @@ def _uncompared(mimic: MimicError) -> str:
     )
 
 
-def _uncompared_joints(names: Sequence[str]) -> str:
+def _uncompared_joints_text(names: Sequence[str]) -> str:
     """Return that joints beside the tool were not compared by poses."""
-    listed = _listed(list(map(_quoted, names)))
+    listed = _list_text(list(map(_quoted, names)))
     if len(names) == 1:
         return f"the place of joint {listed} was not compared: the pose of the tool does not depend on it"
     return f"the places of joints {listed} were not compared: the pose of the tool does not depend on them"
@@ -186,11 +186,11 @@ def _quoted(name: str) -> str:
     return f"'{name}'"
 
 
-def _listed(texts: Sequence[str]) -> str:
+def _list_text(texts: Sequence[str]) -> str:
     """Return texts as a list for a sentence; only a few of many are named."""
-    listed = ", ".join(texts[:_NAMED])
-    if len(texts) > _NAMED:
-        listed += f" and {len(texts) - _NAMED} more"
+    listed = ", ".join(texts[:_MAX_LISTED_NAMES])
+    if len(texts) > _MAX_LISTED_NAMES:
+        listed += f" and {len(texts) - _MAX_LISTED_NAMES} more"
     return listed
 
 
@@ -199,7 +199,7 @@ def _pair_text(pair: SidePair, *, follows: bool) -> Iterator[Part]:
 
     `follows`: whether mimic joints, where they replace loops, place all links where the loops do.
     """
-    yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
+    yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict_text(pair)}"
     for item in pair.conventions:
         yield f"  ▲ convention, {item.kind}: {item.text}"
         yield from _item_text(item, pair)
@@ -213,11 +213,11 @@ def _pair_text(pair: SidePair, *, follows: bool) -> Iterator[Part]:
         mark = "✔" if follows else "✖"
         yield f"  {mark} {pair.mimic.text()}"
         yield f"  the joints correspond only in part: {pair.mimic.part_text() or 'loops are open'}"
-        yield f"  {_uncompared(pair.mimic)}"
+        yield f"  {_uncompared_text(pair.mimic)}"
     if pair.poses is not None:
         yield from _poses_text(pair.poses)
         if pair.uncompared:
-            yield f"  {_uncompared_joints(pair.uncompared)}"
+            yield f"  {_uncompared_joints_text(pair.uncompared)}"
     elif pair.worst is not None and pair.differences:
         largest = pair.worst
         yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
@@ -228,7 +228,7 @@ def _pair_text(pair: SidePair, *, follows: bool) -> Iterator[Part]:
 def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
     """Yield the verdict of each kind of property, what only one side states, and what differs with its edits."""
     rows = []
-    for kind in KINDS:
+    for kind in PROPERTY_KINDS:
         rows.append((kind, properties.verdict(kind), str(properties.compared[kind])))
     yield TextTable(("property", "verdict", "compared"), rows)
     yield from _one_sided_text(properties.rows)
@@ -239,7 +239,7 @@ def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
             table_rows.append((row.kind, row.where, row.first, row.second))
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), table_rows)
         for row in stated:
-            for text in _edit_texts(row.edits, together=row.together):
+            for text in _edit_sentences(row.edits, together=row.together):
                 yield f"      {row.kind} of '{row.where}': {text}"
 
 
@@ -262,28 +262,28 @@ def _has_edit_of(item: ComparedItem, side: RobotSide) -> bool:
 
 def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:
     """Yield for each kind of property the joints or links of which only one side states a value."""
-    for kind in KINDS:
+    for kind in PROPERTY_KINDS:
         names = []
         for row in rows:
             if row.kind == kind and not row.stated:
                 names.append(_quoted(row.where))
         if not names:
             continue
-        yield f"  {kind} of {_listed(names)}: not compared, because only one side states them"
+        yield f"  {kind} of {_list_text(names)}: not compared, because only one side states them"
 
 
 def _poses_text(fit: PoseFit) -> Iterator[str]:
     """Yield the fitted frames, the noise and the remainder."""
     kind = "computed" if fit.computed else "measured"
     what = "poses" if fit.rotations else "positions"
-    yield f"  {fit.rows} {kind} {what}; fitted: base {_motion(fit.base)}, tool {_motion(fit.tool)}"
+    yield f"  {fit.rows} {kind} {what}; fitted: base {_motion_text(fit.base)}, tool {_motion_text(fit.tool)}"
     place = f" in line {fit.line}" if fit.line else ""
     if fit.uncertainty:
         yield f"  standard deviation of these differences: up to {mm(fit.uncertainty)}, of angles at half a metre"
-    yield f"  largest remainder {_remainder(fit)}{place}; {_noise(fit)}"
+    yield f"  largest remainder {_remainder_text(fit)}{place}; {_noise_text(fit)}"
 
 
-def _noise(fit: PoseFit) -> str:
+def _noise_text(fit: PoseFit) -> str:
     """Return the noise of the rows as text, with its source."""
     if fit.computed:
         return "the rows have no noise"
@@ -297,23 +297,23 @@ def _noise(fit: PoseFit) -> str:
     return f"{size} (standard deviation, {source})"
 
 
-def _remainder(fit: PoseFit) -> str:
+def _remainder_text(fit: PoseFit) -> str:
     """Return the largest remainder of poses, or of positions alone, as text."""
     if fit.rotations:
         return f"{mm(fit.distance)} and {deg(fit.angle)}"
     return str(mm(fit.distance))
 
 
-def _motion(T: Array) -> str:
+def _motion_text(T: Array) -> str:
     """Return the size of a motion (4, 4) as text."""
     shift = float(np.linalg.norm(T[:3, 3]))
     turn = float(spatial.rotation_angle(T[:3, :3]))
-    if shift < _MOVED and turn < _MOVED:
+    if shift < _UNMOVED_SIZE and turn < _UNMOVED_SIZE:
         return "as it is"
     return f"moved {mm(shift)} and {deg(turn)}"
 
 
-def _verdict(pair: SidePair) -> str:
+def _verdict_text(pair: SidePair) -> str:
     """Return the verdict on joints and links as text."""
     if pair.poses is not None and not pair.items:
         return "poses agree" if pair.agrees else "poses disagree"
@@ -330,23 +330,23 @@ def _verdict(pair: SidePair) -> str:
 
 def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
     """Yield the edits of an item, or that there are none."""
-    for label, edits in _by_side(item.edits).items():
-        word = "edit"
+    for label, edits in _edits_by_side(item.edits).items():
+        prefix = "edit"
         for edit in edits[:_SHOWN_EDITS]:
             if edit.obstacle:
                 yield f"      {edit.text()}"
                 continue
-            yield f"      {word} {edit.text()}"
-            word = "  or"
+            yield f"      {prefix} {edit.text()}"
+            prefix = "  or"
         if len(edits) > _SHOWN_EDITS:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
     # without joint lines, no text was read with another number
-    searched = pair.problem is not None and not (why_not_edited(pair.first) and why_not_edited(pair.second))
-    if searched and not item.edits and item.moves_geometry:
+    were_edits_searched = pair.problem is not None and not (why_not_edited(pair.first) and why_not_edited(pair.second))
+    if were_edits_searched and not item.edits and item.moves_geometry:
         yield "      no edit of one number was found that removes this"
 
 
-def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
+def _edits_by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
     """Return {label of a side: its edits}."""
     edits_of_side: dict[str, list[NumberEdit]] = {}
     for edit in edits:
@@ -356,17 +356,17 @@ def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
 
 def _suggestion(item: ComparedItem) -> str:
     """Return the edits of an item as sentences; "" without edits."""
-    return " ".join(_edit_texts(item.edits))
+    return " ".join(_edit_sentences(item.edits))
 
 
-def _edit_texts(edits: Sequence[NumberEdit], *, together: bool = False) -> list[str]:
+def _edit_sentences(edits: Sequence[NumberEdit], *, together: bool = False) -> list[str]:
     """Return for each side a sentence with its edits.
 
     Several edits of one side are alternatives, of which a few are shown; with `together`, all are needed and shown.
     """
     separator = "; and " if together else "; or "
     sentences = []
-    for edits_of_side in _by_side(edits).values():
+    for edits_of_side in _edits_by_side(edits).values():
         texts = []
         for edit in edits_of_side:
             # what stands in the way of an edit is no alternative to the others: it gets a sentence of its own

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.comparison.evidence import LIMIT
+from twin.comparison.evidence import LIMIT_TOLERANCE
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.side import ONE_COORDINATE
+from twin.comparison.side import ONE_COORDINATE_KINDS
 from twin.comparison.unknowns import Unknowns
 
 
@@ -14,7 +14,7 @@ def moved_zeros(problem: FitProblem, unknowns: Unknowns) -> list[int]:
     """Return the joints whose zeros differ by more than the tolerance."""
     moved_joints = []
     for joint, axis in enumerate(problem.axes):
-        if axis.kind not in ONE_COORDINATE:
+        if axis.kind not in ONE_COORDINATE_KINDS:
             continue
         shift = zero_of(problem, unknowns, joint)
         limit = problem.angle_tolerance if axis.is_angle else problem.tolerance
@@ -43,7 +43,7 @@ def zero_of(problem: FitProblem, unknowns: Unknowns, joint: int) -> float:
     turns = round((target[0] - low) / (2 * np.pi))
     low_gap = abs(low + turns * 2 * np.pi - target[0])
     high_gap = abs(high + turns * 2 * np.pi - target[1])
-    if max(low_gap, high_gap) > LIMIT:
+    if max(low_gap, high_gap) > LIMIT_TOLERANCE:
         return shift
     return shift - sign * turns * 2 * np.pi
 

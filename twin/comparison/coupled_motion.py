@@ -10,7 +10,7 @@ import numpy as np
 from twin.comparison.side import Axis, RobotSide
 from twin.core.spatial import Array
 
-RATIO = 1e-4
+RATIO_TOLERANCE = 1e-4
 """Difference of ratios of couplings up to which they are equal, relative."""
 
 
@@ -26,7 +26,7 @@ class CoupledFollower(NamedTuple):
     offset: float
 
 
-def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
+def coupling_constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
     """Return (ratios (couplings, joints), totals (couplings,)) of a side, for joints in the order of `axes`.
 
     For all states that the couplings allow, ratios @ q = totals, in m and rad.
@@ -47,33 +47,33 @@ def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
     return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
 
 
-def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, CoupledFollower]:
+def followers_by_elimination(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, CoupledFollower]:
     """Return {joint: how it follows} of the joints that others move.
 
     Of the joints of a coupling, the one that is first in `order` is moved. Gauss-Jordan elimination of the constraints,
     with the joints in this order as columns: the joints of its pivots follow the others.
     """
-    rows = np.column_stack([ratios[:, list(order)], totals])
-    pivots: list[int] = []
+    constraint_rows = np.column_stack([ratios[:, list(order)], totals])
+    pivot_columns: list[int] = []
     for column in range(len(order)):
-        pivot = len(pivots)
-        below = rows[pivot:, column]
-        if not len(below) or np.abs(below).max() < RATIO:
+        pivot = len(pivot_columns)
+        below = constraint_rows[pivot:, column]
+        if not len(below) or np.abs(below).max() < RATIO_TOLERANCE:
             continue
         largest = pivot + int(np.argmax(np.abs(below)))
-        eliminate(rows, pivot, largest, column)
-        pivots.append(column)
+        eliminate_column(constraint_rows, pivot, largest, column)
+        pivot_columns.append(column)
     followers = {}
-    for row, column in zip(rows, pivots, strict=False):
+    for row, column in zip(constraint_rows, pivot_columns, strict=False):
         joint = order[column]
-        leading = np.zeros(len(order))
-        leading[list(order)] = -row[:-1]
-        leading[joint] = 0.0
-        followers[joint] = CoupledFollower(leading, float(row[-1]))
+        ratios_of_leaders = np.zeros(len(order))
+        ratios_of_leaders[list(order)] = -row[:-1]
+        ratios_of_leaders[joint] = 0.0
+        followers[joint] = CoupledFollower(ratios_of_leaders, float(row[-1]))
     return followers
 
 
-def eliminate(rows: Array, pivot: int, largest: int, column: int) -> None:
+def eliminate_column(rows: Array, pivot: int, largest: int, column: int) -> None:
     """Exchange two of the rows (k, n) in place, and subtract `pivot` from the others so that their `column` is 0."""
     rows[[pivot, largest]] = rows[[largest, pivot]]
     rows[pivot] /= rows[pivot, column]
@@ -82,8 +82,8 @@ def eliminate(rows: Array, pivot: int, largest: int, column: int) -> None:
             rows[other_row] -= rows[other_row, column] * rows[pivot]
 
 
-def followed_of(side: RobotSide) -> dict[int, CoupledFollower]:
-    """Return `followed` of the couplings of one side, for joints in the order of its axes."""
+def followers_of(side: RobotSide) -> dict[int, CoupledFollower]:
+    """Return `followers_by_elimination` of the couplings of one side, for joints in the order of its axes."""
     # the followers of the file first, so that the elimination makes them follow where it can
     names = {coupling.follower for coupling in side.couplings}
     followers = []
@@ -93,5 +93,5 @@ def followed_of(side: RobotSide) -> dict[int, CoupledFollower]:
             followers.append(i)
         else:
             free_joints.append(i)
-    ratios, totals = constraints(side, side.axes)
-    return followed(ratios, totals, [*followers, *free_joints])
+    ratios, totals = coupling_constraints(side, side.axes)
+    return followers_by_elimination(ratios, totals, [*followers, *free_joints])

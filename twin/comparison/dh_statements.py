@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from twin.comparison.side import Axis, RobotSide, TableLine
+from twin.comparison.side import Axis, DhTableRow, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
-_MOTIONS: dict[str, tuple[str, ...]] = {
+_ROW_MOTIONS: dict[str, tuple[str, ...]] = {
     "standard": ("q", "Rz theta", "Tz d", "Tx a", "Rx alpha"),
     "modified": ("Rx alpha", "Tx a", "Rz theta", "Tz d", "q"),
     "khalil": ("Rz gamma", "Tz b", "Rx alpha", "Tx d", "Rz theta", "Tz r", "q"),
@@ -40,7 +40,7 @@ class CellStatement:
     line: int
     what: str
     values: tuple[float, ...]
-    row: TableLine
+    row: DhTableRow
     parameter: str
     role: Literal["cell"] = "cell"
 
@@ -65,8 +65,8 @@ class CellStatement:
             return None
         _, T_base_link = entry
         changed = {**self.row.values, self.parameter: float(values[0]) * self.unit}
-        before, after = self._parts(self.row.values)
-        new_before, new_after = self._parts(changed)
+        before, after = self._row_motions(self.row.values)
+        new_before, new_after = self._row_motions(changed)
         T_joint = self._joint_motion(side)
         T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ after)
         W_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
@@ -93,7 +93,7 @@ class CellStatement:
 
     def _is_before_joint(self) -> bool:
         """Return whether the parameter stands before the motion of the row's joint, and so moves the line of it."""
-        motions = _MOTIONS[self.row.convention]
+        motions = _ROW_MOTIONS[self.row.convention]
         parameters_before = [motion.split()[-1] for motion in motions[: motions.index("q")]]
         return self.parameter in parameters_before
 
@@ -106,11 +106,11 @@ class CellStatement:
                 return spatial.pose(p=np.array([0.0, 0.0, axis.drawn]))
         return np.eye(4)
 
-    def _parts(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+    def _row_motions(self, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Return the constant motions (4, 4) of the row before and after that of its joint."""
         parts = [np.eye(4), np.eye(4)]
         part = 0  # that before the joint
-        for motion in _MOTIONS[self.row.convention]:
+        for motion in _ROW_MOTIONS[self.row.convention]:
             if motion == "q":
                 part = 1
                 continue
@@ -123,10 +123,10 @@ class CellStatement:
         return parts[0], parts[1]
 
 
-def cells(side: RobotSide) -> list[CellStatement]:
+def table_cells(side: RobotSide) -> list[CellStatement]:
     """Return the parameters of the table of a side; [] if it is no table."""
     cells_of_table = []
-    for row in side.rows:
+    for row in side.dh_rows:
         for parameter, value in row.values.items():
             written_value = value / row.units[parameter]
             what = f"row '{row.joint}' {parameter}"

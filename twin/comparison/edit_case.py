@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.comparison.dh_statements import CellStatement
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import gaps, gaps_of, leaf_gaps
+from twin.comparison.frame_gaps import frame_gaps, frame_gaps_of_motions, leaf_frame_gaps
 from twin.comparison.line_gaps import line_gap, line_residuals, lines_coincide
 from twin.comparison.matching import Matching
 from twin.comparison.side import RobotSide
@@ -29,20 +29,20 @@ class EditCase:
         problem: the pair.
         matching: which joints are the same.
         unknowns: the solution without the change of the item.
-        edited: 0 if the first side is edited, 1 for the second.
+        edited_side_index: 0 if the first side is edited, 1 for the second.
         moved_tools: joints whose leaf frames differ by other conventions.
     """
 
     problem: FitProblem
     matching: Matching
     unknowns: Unknowns
-    edited: int
+    edited_side_index: int
     moved_tools: Sequence[int]
 
     @property
     def side(self) -> RobotSide:
         """The side that is edited."""
-        return (self.problem.first, self.problem.second)[self.edited]
+        return (self.problem.first, self.problem.second)[self.edited_side_index]
 
     @cached_property
     def differing_joints(self) -> frozenset[int]:
@@ -53,7 +53,7 @@ class EditCase:
 
     def moves_all(self, statement: Statement) -> bool:
         """Return whether a statement moves each joint whose line is apart, or a joint before it in the tree."""
-        axes = (self.problem.axes, self.problem.second.axes)[self.edited]
+        axes = (self.problem.axes, self.problem.second.axes)[self.edited_side_index]
         pending: list[int] = []
         for i, axis in enumerate(axes):
             if statement.moves(axis):
@@ -68,7 +68,7 @@ class EditCase:
     def with_side(self, side: RobotSide) -> FitProblem:
         """Return the pair with another side instead of the edited one."""
         sides = [self.problem.first, self.problem.second]
-        sides[self.edited] = side
+        sides[self.edited_side_index] = side
         return FitProblem(sides[0], sides[1], self.matching, self.problem.tolerance)
 
     def residual(self, side: RobotSide) -> Array:
@@ -77,7 +77,7 @@ class EditCase:
         unknowns = self.unknowns
         parents, children, groups = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
         parts = [line_residuals(problem, unknowns.signs, parents, children)[0]]
-        for gap in gaps_of(problem, groups, inner=False):
+        for gap in frame_gaps_of_motions(problem, groups, inner=False):
             if gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
         return np.concatenate(parts)
@@ -87,7 +87,7 @@ class EditCase:
         problem = self.with_side(side)
         if not lines_coincide(problem, line_gap(problem, self.unknowns)):
             return False
-        for gap in leaf_gaps(problem, self.unknowns):
+        for gap in leaf_frame_gaps(problem, self.unknowns):
             if gap.joint not in self.moved_tools and gap.differs(problem):
                 return False
         return True
@@ -96,6 +96,6 @@ class EditCase:
         """Return the number of frames of inner links that differ."""
         problem = self.with_side(side)
         count = 0
-        for gap in gaps(problem, self.unknowns):
+        for gap in frame_gaps(problem, self.unknowns):
             count += gap.differs(problem)
         return count

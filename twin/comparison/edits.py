@@ -12,27 +12,27 @@ from dataclasses import replace
 import numpy as np
 
 from twin.comparison import rereading
+from twin.comparison.compared_items import ComparedItem, NumberEdit
 from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.file_numbers import FileNumber
 from twin.comparison.file_statements import statements
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import leaf_gaps
-from twin.comparison.items import ComparedItem, NumberEdit
+from twin.comparison.frame_gaps import leaf_frame_gaps
 from twin.comparison.line_gaps import FitSolution
 from twin.comparison.matching import Matching
-from twin.comparison.paths import short
+from twin.comparison.paths import relative_path
 from twin.comparison.rereading import EditGoal
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import RobotSide, plain_name
 from twin.comparison.solved_value import solved_values
-from twin.comparison.statements import NumberStatement, places
+from twin.comparison.statements import NumberStatement, place_statements_of
 from twin.comparison.unknowns import Unknowns
 from twin.core.spatial import Array
 
-_MOST = 6
+_MAX_EDITS = 6
 """Maximum number of edits that are told for one item and one side."""
 
-_SAME_VALUE = 1e-12
+_VALUE_TOLERANCE = 1e-12
 """Difference of a number of a text and a value of a table, relative to 1 or the number, that is only rounding."""
 
 
@@ -40,17 +40,17 @@ def with_edits(
     problem: FitProblem, matching: Matching, solution: FitSolution, items: Sequence[ComparedItem]
 ) -> list[ComparedItem]:
     """Return the items, each with the edits of either side that remove it; for robots with loops, without edits."""
-    if problem.first.looped:
+    if problem.first.has_loops:
         return list(items)
     statements_of_sides = [statements(problem.first), statements(problem.second)]
     moved_tools = []
-    for gap in leaf_gaps(problem, solution.unknowns):
+    for gap in leaf_frame_gaps(problem, solution.unknowns):
         if gap.differs(problem):
             moved_tools.append(gap.joint)
     common = _common_edits(problem, matching, items, statements_of_sides)
     items_with_edits = []
     for item in items:
-        unknowns = _without(problem, solution.unknowns, item)
+        unknowns = _unknowns_without(problem, solution.unknowns, item)
         if unknowns is None:
             items_with_edits.append(item.with_edits(()))
             continue
@@ -75,11 +75,11 @@ def _edits_of_item(
 ) -> list[NumberEdit]:
     """Return the edits of one side that remove an item: those of all items, of statements, else of other numbers."""
     edits = list(common)
-    for edit in _edits(case, statements_of_side):
+    for edit in _edits_of_statements(case, statements_of_side):
         if edit not in common:
             edits.append(edit)
     if not edits:
-        edits = _reread(case, [item], statements_of_side)
+        edits = _edits_by_rereading(case, [item], statements_of_side)
     return edits
 
 
@@ -96,17 +96,17 @@ def _common_edits(
     edits_of_sides = []
     for edited in (0, 1):
         # without any convention, so that an edit must remove all items
-        case = EditCase(problem, matching, problem.start, edited, ())
-        edits = _edits(case, statements_of_sides[edited], placed=False)
+        case = EditCase(problem, matching, problem.unchanged, edited, ())
+        edits = _edits_of_statements(case, statements_of_sides[edited], with_places=False)
         # To read a text again for each of its numbers takes long. Where numbers of it are statements, these were tried,
         # and its other numbers are only tried for single items.
         if not edits and not statements_of_sides[edited]:
-            edits = _reread(case, geometric, ())
+            edits = _edits_by_rereading(case, geometric, ())
         edits_of_sides.append(edits)
     return edits_of_sides
 
 
-def _reread(
+def _edits_by_rereading(
     case: EditCase, items: Sequence[ComparedItem], statements_of_side: Sequence[NumberStatement | CellStatement]
 ) -> list[NumberEdit]:
     """Return the edits of one number of a text that is read again, for numbers that are no statements.
@@ -120,35 +120,35 @@ def _reread(
 
     def is_tried(number: FileNumber, value: float) -> bool:
         on_line = by_line.get(number.line, ())
-        return any(_states(statement, number, value) for statement in on_line)
+        return any(_is_number_of(statement, number, value) for statement in on_line)
 
     def agrees(side: RobotSide) -> bool:
         return len(side.axes) == len(case.side.axes) and case.agrees(side)
 
     names: set[str] = set()
     for item in items:
-        names |= _names(case, item)
+        names |= _names_of_item(case, item)
     goal = EditGoal(case.residual, agrees, case.differing_frames, case.problem.tolerance)
-    return rereading.edits(case.side, names, "", goal, short, is_tried)[:_MOST]
+    return rereading.edits_of_one_number(case.side, names, "", goal, relative_path, is_tried)[:_MAX_EDITS]
 
 
-def _states(statement: NumberStatement | CellStatement, number: FileNumber, value: float) -> bool:
+def _is_number_of(statement: NumberStatement | CellStatement, number: FileNumber, value: float) -> bool:
     """Return whether a number of a text, on the line of a statement, is one of the numbers of this statement."""
     if isinstance(statement, CellStatement):
         # other numbers of a row, as in pi/2, are no values of it
-        return abs(value - statement.values[0]) <= _SAME_VALUE * max(abs(value), 1.0)
+        return abs(value - statement.values[0]) <= _VALUE_TOLERANCE * max(abs(value), 1.0)
     if number.file and number.file != statement.file:
         return False
     attribute = number.what.rpartition("[")[0]
     return attribute.endswith(statement.what)
 
 
-def _names(case: EditCase, item: ComparedItem) -> set[str]:
+def _names_of_item(case: EditCase, item: ComparedItem) -> set[str]:
     """Return the plain names of the joint, its links and the frames that an item is about, in the edited side."""
     problem = case.problem
     side = case.side
     names = {item.link}
-    axes_of_side = problem.second.axes if case.edited else problem.axes
+    axes_of_side = problem.second.axes if case.edited_side_index else problem.axes
     for axis, second in zip(axes_of_side, problem.second.axes, strict=True):
         is_of_item = second.name == item.joint
         if item.kind == "base frame":
@@ -164,10 +164,10 @@ def _names(case: EditCase, item: ComparedItem) -> set[str]:
                 if group == axis.child:
                     names.add(frame)
     names.discard("")  # an item about no single link has this one
-    return set(map(plain, names))
+    return set(map(plain_name, names))
 
 
-def _without(problem: FitProblem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
+def _unknowns_without(problem: FitProblem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
     """Return the unknowns without the change of an item; None if no number of a file is that change."""
     if item.kind == "base frame":
         return replace(unknowns, base=np.zeros(6))
@@ -194,43 +194,45 @@ def _without(problem: FitProblem, unknowns: Unknowns, item: ComparedItem) -> Unk
     return replace(unknowns, deviating=tuple(still_deviating), deviations=unknowns.deviations[rows])
 
 
-def _edits(
-    case: EditCase, statements_of_side: Sequence[NumberStatement | CellStatement], *, placed: bool = True
+def _edits_of_statements(
+    case: EditCase, statements_of_side: Sequence[NumberStatement | CellStatement], *, with_places: bool = True
 ) -> list[NumberEdit]:
     """Return the edits of one side that make it agree: of one number, else of one attribute, else of one place.
 
-    Without `placed`, places are not tried.
+    Without `with_places`, places are not tried.
     """
     side = case.side
     before = case.residual(side)
-    ranked: list[tuple[int, NumberEdit]] = []
+    ranked_edits: list[tuple[int, NumberEdit]] = []
     for statement in statements_of_side:
         for k in range(len(statement.values)):
             values = solved_values(case, statement, [k], before)
             if values is not None:
-                ranked.append((_differing_frames(case, statement, values), _edit(side, statement, k, values)))
-    has_edit_of_one_number = bool(ranked)
-    named: set[tuple[str, int, str]] = set()
-    for _, edit in ranked:
+                ranked_edits.append(
+                    (_differing_frames(case, statement, values), _number_edit(side, statement, k, values))
+                )
+    has_edit_of_one_number = bool(ranked_edits)
+    edited_statements: set[tuple[str, int, str]] = set()
+    for _, edit in ranked_edits:
         what, _, _ = edit.what.partition("[")
-        named.add((edit.file, edit.line, what))
+        edited_statements.add((edit.file, edit.line, what))
     for statement in statements_of_side:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
         if has_edit_of_one_number and statement.role != "axis":
             continue
-        if len(statement.values) > 1 and (statement.file, statement.line, statement.what) not in named:
-            ranked += _edit_of_all_numbers(case, statement, before)
-    if not ranked and placed:
-        for place in places(statements_of_side):
-            ranked += _edit_of_all_numbers(case, place, before)
+        if len(statement.values) > 1 and (statement.file, statement.line, statement.what) not in edited_statements:
+            ranked_edits += _edit_of_all_numbers(case, statement, before)
+    if not ranked_edits and with_places:
+        for place in place_statements_of(statements_of_side):
+            ranked_edits += _edit_of_all_numbers(case, place, before)
     # frames of inner links that agree as well, and a round number, make an edit likelier
-    ranked.sort(key=lambda pair: (pair[0], len(pair[1].new)))
+    ranked_edits.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
     changes = []
-    for _, edit in ranked:
+    for _, edit in ranked_edits:
         if edit.old != edit.new:
             changes.append(edit)
-    return changes[:_MOST]
+    return changes[:_MAX_EDITS]
 
 
 def _edit_of_all_numbers(case: EditCase, statement: Statement, before: Array) -> list[tuple[int, NumberEdit]]:
@@ -238,7 +240,7 @@ def _edit_of_all_numbers(case: EditCase, statement: Statement, before: Array) ->
     values = solved_values(case, statement, list(range(len(statement.values))), before)
     if values is None:
         return []
-    return [(_differing_frames(case, statement, values), _edit(case.side, statement, None, values))]
+    return [(_differing_frames(case, statement, values), _number_edit(case.side, statement, None, values))]
 
 
 def _differing_frames(case: EditCase, statement: Statement, values: Array) -> int:
@@ -252,7 +254,7 @@ def _number_text(value: float) -> str:
     return f"{value:.12g}"
 
 
-def _edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
+def _number_edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
     """Return the edit of one number of a statement or, without a column, of all."""
     what = statement.what
     old = " ".join(map(_number_text, statement.values))
@@ -263,5 +265,5 @@ def _edit(side: RobotSide, statement: Statement, column: int | None, values: Arr
         what = f"{statement.what}[{column}]"
         old = _number_text(statement.values[column])
         new = _number_text(values[column])
-    edit = NumberEdit(side.label, short(statement.file), statement.line, what, old, new)
-    return rereading.hindered(side, edit, statement.file)
+    edit = NumberEdit(side.label, relative_path(statement.file), statement.line, what, old, new)
+    return rereading.with_obstacle(side, edit, statement.file)

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.coupled_motion import eliminate
-from twin.comparison.evidence import CONVENTION, Evidence, StatedEvidence, turning_columns
+from twin.comparison.coupled_motion import eliminate_column
+from twin.comparison.evidence import CONVENTION_COST, Evidence, StatedEvidence, rotation_columns
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.fit_starts import solve
+from twin.comparison.fit_starts import fit_from_starts
 from twin.comparison.invariants import NeighbourLines
 from twin.comparison.line_gaps import FitSolution, line_residuals, lines_coincide
-from twin.comparison.refinement import STEP, open_directions, refine, with_steps
-from twin.comparison.smallest_deviations import NEAR
+from twin.comparison.refinement import DIFFERENCE_STEP, open_directions, refine, stepped_values
+from twin.comparison.smallest_deviations import INACCURACY_FACTOR
 from twin.comparison.unknowns import (
     BASE_VALUES,
     JointDeviation,
@@ -31,25 +31,25 @@ from twin.comparison.unknowns import (
 )
 from twin.core.spatial import Array
 
-_FITS = 160
+_MAX_SIGN_FITS = 160
 """Maximum number of sets of signs that are fitted."""
 
-_NODES = 400
+_MAX_EVIDENCE_FITS = 400
 """Maximum number of choices of evidence that are fitted."""
 
-NODES_WITH_MANY = 60
+MAX_EVIDENCE_FITS_OF_MANY = 60
 """The same where many joints deviate: conventions then mean little, and the values of each fit are many."""
 
-SAME_COST = 1e-6
+COST_TOLERANCE = 1e-6
 """Difference of costs up to which two solutions need as many changes."""
 
-_OPEN = 1e-5
+_OPEN_DERIVATIVE = 1e-5
 """Change of evidence along a direction that the lines leave open, from which it can fix this direction."""
 
-_PIVOT = 1e-4
+_SMALLEST_PIVOT = 1e-4
 """Size of an element below which it separates no directions: derivatives by differences have such errors."""
 
-_LARGEST_TURN = 1e-3
+_SMALLEST_TURN_SHARE = 1e-3
 """Share of a unit direction in rad below which turns along it are turns of nothing."""
 
 
@@ -71,14 +71,14 @@ class _FitChoice:
         free: (unknowns,) the values that may still change.
         conditions: the evidence that must stay equal.
         used_evidence: all evidence that fixed values.
-        final: whether no more evidence can fix anything.
+        is_final: whether no more evidence can fix anything.
     """
 
     solution: FitSolution
     free: Array
     conditions: tuple[Evidence, ...]
     used_evidence: frozenset[Evidence]
-    final: bool = False
+    is_final: bool = False
 
 
 class EvidenceSearch:
@@ -88,76 +88,80 @@ class EvidenceSearch:
         problem: the two sides.
         neighbours: what consecutive joint lines say before a fit.
         largest_cost: costs above it are not searched.
-        most_choices: maximum number of choices of evidence that are fitted.
+        max_evidence_fits: maximum number of choices of evidence that are fitted.
     """
 
     def __init__(
-        self, problem: FitProblem, neighbours: NeighbourLines, largest_cost: float, most_choices: int = _NODES
+        self,
+        problem: FitProblem,
+        neighbours: NeighbourLines,
+        largest_cost: float,
+        max_evidence_fits: int = _MAX_EVIDENCE_FITS,
     ) -> None:
         self.problem = problem
         self.neighbours = neighbours
         self.largest_cost = largest_cost
-        self.most_choices = most_choices
+        self.max_evidence_fits = max_evidence_fits
         self.stated = StatedEvidence(problem)
-        self._turning = turning_columns(problem)
+        self._rotation_columns = rotation_columns(problem)
         self._heap: list[tuple[float, int, _SignChoice | _FitChoice]] = []
-        self._pushed = 0
-        self._seen: set[tuple[object, ...]] = set()
-        self._fits = 0
-        self._evidence_fits = 0
+        self._pushed_count = 0
+        self._fitted_choices: set[tuple[object, ...]] = set()
+        self._sign_fit_count = 0
+        self._evidence_fit_count = 0
 
     def _push(self, bound: float, choice: _SignChoice | _FitChoice) -> None:
         """Add a choice whose cost is at least `bound` to those that are searched, unless this is too much."""
-        if bound > self.largest_cost + SAME_COST:
+        if bound > self.largest_cost + COST_TOLERANCE:
             return
         # of equal bounds the first one: choices cannot be compared
-        self._pushed += 1
-        heapq.heappush(self._heap, (bound, self._pushed, choice))
+        self._pushed_count += 1
+        heapq.heappush(self._heap, (bound, self._pushed_count, choice))
 
     def run(self, sets: Sequence[tuple[JointDeviation, ...]]) -> list[FitSolution]:
         """Return the solutions with the lowest cost for these sets of deviating joints."""
         for deviating in sets:
             self._push(0.0, _SignChoice(deviating, (), frozenset()))
         solutions: list[FitSolution] = []
-        lowest = np.inf
+        lowest_cost = np.inf
         while self._heap:
             bound, _, choice = heapq.heappop(self._heap)
-            if bound > lowest + SAME_COST:  # so are all that remain on the heap
+            if bound > lowest_cost + COST_TOLERANCE:  # so are all that remain on the heap
                 break
             if isinstance(choice, _SignChoice):
-                self._choose_sign(choice)
+                self._push_signs(choice)
                 continue
             if self._differs_in_nothing(choice):
-                lowest = 0.0
+                lowest_cost = 0.0
                 solutions.append(choice.solution)
                 continue
-            may_branch = not choice.final and self._evidence_fits < self.most_choices
-            if may_branch and self._branches(choice, min(self.largest_cost, lowest) - bound):
+            may_branch = not choice.is_final and self._evidence_fit_count < self.max_evidence_fits
+            if may_branch and self._push_branches(choice, min(self.largest_cost, lowest_cost) - bound):
                 continue
             # what was open, and no evidence fixed, may differ
-            exact = cost(self.stated, choice.solution.unknowns)
-            if exact > bound + SAME_COST:
-                self._push(exact, replace(choice, final=True))
+            exact_cost = cost_of(self.stated, choice.solution.unknowns)
+            if exact_cost > bound + COST_TOLERANCE:
+                self._push(exact_cost, replace(choice, is_final=True))
                 continue
-            lowest = min(lowest, bound)
+            lowest_cost = min(lowest_cost, bound)
             solutions.append(choice.solution)
         return solutions
 
     def _differs_in_nothing(self, choice: _FitChoice) -> bool:
         """Return whether no joint deviates and all evidence is equal: other values could only be as good."""
         unknowns = choice.solution.unknowns
-        return not unknowns.deviating and cost(self.stated, unknowns) == 0.0
+        return not unknowns.deviating and cost_of(self.stated, unknowns) == 0.0
 
     # -- signs ----------------------------------------------------------------------------------------
 
-    def _choose_sign(self, choice: _SignChoice) -> None:
+    def _push_signs(self, choice: _SignChoice) -> None:
         """Choose the sign of the next joint, or fit if all are chosen."""
         order = self.problem.order
         count = len(choice.signs)
         if count == self.problem.count:
-            if self._fits < _FITS:
-                self._fits += 1
-                self._fit(choice)
+            if self._sign_fit_count < _MAX_SIGN_FITS:
+                self._sign_fit_count += 1
+                self._push_fit(choice)
             return
         joint = order[count]
         # the sign of a ball, or of a line without a direction, changes nothing
@@ -165,25 +169,25 @@ class EvidenceSearch:
         for sign in possible:
             signs = (*choice.signs, sign)
             by_joint = dict(zip(order, signs, strict=False))
-            needed = self.neighbours.zeros(by_joint, joint, choice.deviating)
+            needed = self.neighbours.needed_zeros(by_joint, joint, choice.deviating)
             if needed is None:
                 continue
             zeros = choice.zeros | needed
             conventions = signs.count(-1.0) + len(zeros)
-            self._push(CONVENTION * conventions, _SignChoice(choice.deviating, signs, zeros))
+            self._push(CONVENTION_COST * conventions, _SignChoice(choice.deviating, signs, zeros))
 
-    def _fit(self, choice: _SignChoice) -> None:
+    def _push_fit(self, choice: _SignChoice) -> None:
         """Fit all values with the chosen signs."""
         signs = np.ones(self.problem.count)
         signs[self.problem.order] = choice.signs
-        solution = solve(self.problem, signs, choice.deviating)
+        solution = fit_from_starts(self.problem, signs, choice.deviating)
         if not lines_coincide(self.problem, solution.gap):
             return
         free = free_values(self.problem.count, choice.deviating)
-        fitted = self._rounded(_FitChoice(solution, free, (), frozenset()))
-        self._push(self._bound(fitted), fitted)
+        fitted = self._without_inaccuracies(_FitChoice(solution, free, (), frozenset()))
+        self._push(self._cost_bound(fitted), fitted)
 
-    def _rounded(self, choice: _FitChoice) -> _FitChoice:
+    def _without_inaccuracies(self, choice: _FitChoice) -> _FitChoice:
         """Return the choice with a base and zeros that are only inaccuracies set to zero, as far as the lines agree."""
         problem = self.problem
         values = values_of(choice.solution.unknowns)
@@ -192,7 +196,7 @@ class EvidenceSearch:
             conventions.append([zero_column(i)])
         for columns in conventions:
             size = np.abs(values[columns]).max()
-            if size == 0.0 or size > NEAR * problem.tolerance:
+            if size == 0.0 or size > INACCURACY_FACTOR * problem.tolerance:
                 continue
             values_tried = values_of(choice.solution.unknowns)
             values_tried[columns] = 0.0
@@ -211,37 +215,37 @@ class EvidenceSearch:
         unknowns = choice.solution.unknowns
         columns = np.flatnonzero(choice.free)
         x = values_of(unknowns)
-        stepped = with_steps(x, columns)
+        stepped = stepped_values(x, columns)
         parents, children, groups = self.problem.motions(unknowns.signs, stepped, unknowns.deviating)
         lines = line_residuals(self.problem, unknowns.signs, parents, children)
         evidence = self.stated.residuals_of([*choice.conditions, *pieces], unknowns.signs, stepped, groups)
         rows = np.concatenate([lines, evidence], axis=1)
-        return (rows[:-1] - rows[-1]).T / STEP
+        return (rows[:-1] - rows[-1]).T / DIFFERENCE_STEP
 
-    def _open(self, choice: _FitChoice, pieces: Sequence[Evidence]) -> tuple[Array, list[Array]]:
+    def _open_directions(self, choice: _FitChoice, pieces: Sequence[Evidence]) -> tuple[Array, list[Array]]:
         """Return (directions (free unknowns, k) that are still open, derivatives of each evidence along them)."""
         J = self._derivatives(choice, pieces)
         sizes = list(map(self.stated.row_count, pieces))
         start = len(J) - sum(sizes)
-        directions = _separated(open_directions(J[:start]).T).T
+        directions = _sparse_directions(open_directions(J[:start]).T).T
         along = []
         for size in sizes:
             along.append(J[start : start + size] @ directions)
             start += size
         return directions, along
 
-    def _bound(self, choice: _FitChoice) -> float:
+    def _cost_bound(self, choice: _FitChoice) -> float:
         """Return the cost of what no open direction can change."""
         unknowns = choice.solution.unknowns
-        bound = CONVENTION * len(unknowns.flips)
+        bound = CONVENTION_COST * len(unknowns.flipped_joints)
         pieces = self.stated.violated(self.stated.satisfiable(unknowns.signs), unknowns)
-        _, along = self._open(choice, pieces)
+        _, along = self._open_directions(choice, pieces)
         for evidence, J in zip(pieces, along, strict=True):
-            if not _is_open(J) or not self.stated.may_hold(evidence, unknowns):
+            if not _is_open(J) or not self.stated.may_be_equal(evidence, unknowns):
                 bound += evidence.weight
         return bound
 
-    def _branches(self, choice: _FitChoice, budget: float) -> bool:
+    def _push_branches(self, choice: _FitChoice, budget: float) -> bool:
         """Fix one open direction by each evidence that can; return whether any does, or the choice costs too much.
 
         `budget` is the cost that may still be added: evidence that costs more, and differs, must be made equal.
@@ -249,13 +253,13 @@ class EvidenceSearch:
         unknowns = choice.solution.unknowns
         pieces = []
         for evidence in self.stated.satisfiable(unknowns.signs):
-            if evidence not in choice.used_evidence and self.stated.may_hold(evidence, unknowns):
+            if evidence not in choice.used_evidence and self.stated.may_be_equal(evidence, unknowns):
                 pieces.append(evidence)
-        directions, along = self._open(choice, pieces)
+        directions, along = self._open_directions(choice, pieces)
         violated = set(self.stated.violated(pieces, unknowns))
         for evidence, J in zip(pieces, along, strict=True):
-            if _is_open(J) and evidence in violated and evidence.weight > budget + SAME_COST:
-                self._fit_with(choice, evidence, directions, J)
+            if _is_open(J) and evidence in violated and evidence.weight > budget + COST_TOLERANCE:
+                self._push_fit_with(choice, evidence, directions, J)
                 return True
         impossible: set[Evidence] = set()
         for direction in _fewest_first(along):
@@ -264,7 +268,7 @@ class EvidenceSearch:
                 # a fit with evidence is the same for all directions: what failed fails again
                 if evidence in impossible or not _is_open(J[:, direction]):
                     continue
-                if self._fit_with(choice, evidence, directions, J):
+                if self._push_fit_with(choice, evidence, directions, J):
                     is_fixed = True
                 else:
                     impossible.add(evidence)
@@ -272,21 +276,23 @@ class EvidenceSearch:
                 return True
         return False
 
-    def _fit_with(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
+    def _push_fit_with(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
         """Fit with one more piece of evidence; return whether that is possible."""
         unknowns = choice.solution.unknowns
         key = (unknowns.deviating, tuple(unknowns.signs), choice.used_evidence | {evidence})
-        if key in self._seen:  # the same evidence in another order
+        if key in self._fitted_choices:  # the same evidence in another order
             return True
-        self._evidence_fits += 1
-        fixed = self._fixed(choice, evidence, directions, J)
+        self._evidence_fit_count += 1
+        fixed = self._choice_with_evidence(choice, evidence, directions, J)
         if fixed is None:
             return False
-        self._seen.add(key)
-        self._push(self._bound(fixed), fixed)
+        self._fitted_choices.add(key)
+        self._push(self._cost_bound(fixed), fixed)
         return True
 
-    def _fixed(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> _FitChoice | None:
+    def _choice_with_evidence(
+        self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array
+    ) -> _FitChoice | None:
         """Return the fit that keeps a piece of evidence as well; None if there is none."""
         problem = self.problem
         unknowns = choice.solution.unknowns
@@ -328,9 +334,9 @@ class EvidenceSearch:
         # from a frame that is turned by a right angle or more, no small step leads to the other one
         _, _, Vt = np.linalg.svd(J)
         steepest = directions @ Vt[0]
-        turns = np.isin(columns, self._turning)
+        turns = np.isin(columns, self._rotation_columns)
         largest_turn = float(np.abs(steepest[turns]).max(initial=0.0))
-        if largest_turn < _LARGEST_TURN:
+        if largest_turn < _SMALLEST_TURN_SHARE:
             return
         for angle in (0.5 * np.pi, np.pi, 1.5 * np.pi):
             start = x.copy()
@@ -350,10 +356,10 @@ class EvidenceSearch:
 
 def _is_open(J: Array) -> bool:
     """Return whether a change along some directions, with derivatives J (rows, ...), changes evidence."""
-    return bool(J.size and np.abs(J).max() > _OPEN)
+    return bool(J.size and np.abs(J).max() > _OPEN_DERIVATIVE)
 
 
-def _separated(directions: Array) -> Array:
+def _sparse_directions(directions: Array) -> Array:
     """Return other directions (k, unknowns) of the same space, each of which changes as few unknowns as possible."""
     rows = directions.copy()
     pivot_columns: list[int] = []
@@ -363,9 +369,9 @@ def _separated(directions: Array) -> Array:
         if pivot == len(rows):
             break
         largest = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
-        if abs(rows[largest, column]) < _PIVOT:
+        if abs(rows[largest, column]) < _SMALLEST_PIVOT:
             continue
-        eliminate(rows, pivot, largest, column)
+        eliminate_column(rows, pivot, largest, column)
         pivot_columns.append(column)
     return rows
 
@@ -376,14 +382,14 @@ def _fewest_first(along: Sequence[Array]) -> list[int]:
         return []
     counts = np.zeros(along[0].shape[1], int)
     for J in along:
-        counts += np.abs(J).max(axis=0) > _OPEN
+        counts += np.abs(J).max(axis=0) > _OPEN_DERIVATIVE
     order = np.argsort(counts, kind="stable")
     return order[counts[order] > 0].tolist()
 
 
-def cost(stated: StatedEvidence, unknowns: Unknowns) -> float:
+def cost_of(stated: StatedEvidence, unknowns: Unknowns) -> float:
     """Return the cost of signs and of all evidence that differs."""
     cost_of_evidence = 0.0
     for evidence in stated.violated(stated.satisfiable(unknowns.signs), unknowns):
         cost_of_evidence += evidence.weight
-    return CONVENTION * len(unknowns.flips) + cost_of_evidence
+    return CONVENTION_COST * len(unknowns.flipped_joints) + cost_of_evidence

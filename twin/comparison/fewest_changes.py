@@ -25,25 +25,25 @@ from twin.comparison.row_noise import RowNoise
 from twin.comparison.tool_motion import FRAME_UNKNOWNS, ChainMotion, JointChange
 from twin.core.spatial import Array
 
-_MOST_FLIPS = 2
+_MAX_FLIPS = 2
 """Maximum number of joints that turn the other way."""
 
-_MOST_CHANGES = 3
+_MAX_CHANGES = 3
 """Maximum number of zeros and places of joints that are changed together."""
 
-_FITTED_SIGNS = 6
+_FITTED_SIGN_SETS = 6
 """Number of the most promising sets of signs that are fitted."""
 
-_FITTED_SINGLE = 6
+_FITTED_SINGLE_CHANGES = 6
 """Number of the most promising single changes that are fitted for each set of signs."""
 
-_FITTED_SETS = 3
+_FITTED_CHANGE_SETS = 3
 """The same for sets of several changes."""
 
 _DAMPING = 1e-12
 """Damping of the linear estimate, relative to the sum of squares of the derivatives: frames may be open in part."""
 
-_NO_DEVIATION = 1e-15
+_SMALLEST_DEVIATION = 1e-15
 """Standard deviation in m or rad that stands for 0 in a quotient."""
 
 
@@ -61,7 +61,7 @@ def fewest_changes(
     search = _FewestChanges(noise, motion)
     if noise.accepts(saturated, saturated):
         # the fits of flips take long: one change without a flip needs none of them, as nothing can be fewer
-        explained = search.explained([frames_alone], saturated, most=1)
+        explained = search.first_accepted([frames_alone], saturated, max_changes=1)
         if explained is not None:
             return explained, saturated
     starts = search.sign_states(frames_alone)
@@ -71,9 +71,9 @@ def fewest_changes(
     # the noise may have another lever than that with which the starts were fitted
     refitted = []
     for state in starts:
-        refitted.append(noise.fit.solved(state.signs, (), state.x))
+        refitted.append(noise.fit.refined(state.signs, (), state.x))
     search = _FewestChanges(noise, motion)
-    return search.explained(refitted, saturated, most=_MOST_FLIPS + _MOST_CHANGES), saturated
+    return search.first_accepted(refitted, saturated, max_changes=_MAX_FLIPS + _MAX_CHANGES), saturated
 
 
 class _FewestChanges:
@@ -84,21 +84,21 @@ class _FewestChanges:
         self._fit = noise.fit
         self._motion = motion
 
-    def explained(self, starts: Sequence[RowState], saturated: RowState, *, most: int) -> RowState | None:
-        """Return the fit with the fewest changes, flips included, that leaves only noise; None if `most` do not.
+    def first_accepted(self, starts: Sequence[RowState], saturated: RowState, *, max_changes: int) -> RowState | None:
+        """Return the fit with the fewest changes, flips included, that leaves only noise; None if `max_changes` do not.
 
         `starts` are fits of the frames alone, one for each set of signs.
         """
         possible = self._possible_changes()
-        for cost in range(1, most + 1):
+        for cost in range(1, max_changes + 1):
             for state in starts:
                 flips = int((state.signs < 0).sum())
                 size = cost - flips
-                if not 0 <= size <= _MOST_CHANGES:
+                if not 0 <= size <= _MAX_CHANGES:
                     continue
-                for candidate in self._promising(state, possible, size):
+                for candidate in self._fits_by_estimate(state, possible, size):
                     if self._noise.accepts(candidate, saturated):
-                        return self._pruned(candidate, saturated)
+                        return self._with_fewest_values(candidate, saturated)
         return None
 
     def _possible_changes(self) -> list[JointChange]:
@@ -115,7 +115,7 @@ class _FewestChanges:
         count = self._motion.count
         ranked: list[tuple[float, Array, Array]] = []
         driven = np.flatnonzero(self._motion.has_values)
-        for flips in range(1, _MOST_FLIPS + 1):
+        for flips in range(1, _MAX_FLIPS + 1):
             for chosen in combinations(driven, flips):
                 signs = np.ones(count)
                 signs[list(chosen)] = -1.0
@@ -125,11 +125,11 @@ class _FewestChanges:
                 ranked.append((cost, signs, x))
         ranked.sort(key=lambda entry: entry[0])
         states = [frames_alone]
-        for _, signs, x in ranked[:_FITTED_SIGNS]:
-            states.append(self._fit.solved(signs, (), x))
+        for _, signs, x in ranked[:_FITTED_SIGN_SETS]:
+            states.append(self._fit.refined(signs, (), x))
         return states
 
-    def _promising(self, state: RowState, possible: Sequence[JointChange], size: int) -> Iterator[RowState]:
+    def _fits_by_estimate(self, state: RowState, possible: Sequence[JointChange], size: int) -> Iterator[RowState]:
         """Yield fits with `size` changes, those with the smallest linear estimate of their remainder first."""
         if size == 0:
             yield state
@@ -150,11 +150,11 @@ class _FewestChanges:
             remainder = _linear_remainder(state, derivatives_of_set)
             estimates.append((remainder, value_count, chosen))
         estimates.sort(key=lambda entry: entry[0])
-        most = _FITTED_SINGLE if size == 1 else _FITTED_SETS
+        most = _FITTED_SINGLE_CHANGES if size == 1 else _FITTED_CHANGE_SETS
         # a place has six values, a zero one: of similar remainders the zero is the smaller change
         for _, value_count, chosen in sorted(estimates[:most], key=lambda entry: entry[1]):
             x = np.concatenate([state.x, np.zeros(value_count)])
-            yield self._fit.solved(state.signs, chosen, x)
+            yield self._fit.refined(state.signs, chosen, x)
 
     def _derivatives(self, state: RowState, change: JointChange) -> Array:
         """Return the derivatives (rows * 3 or 6, values) of the remainder by the values of one change."""
@@ -162,7 +162,7 @@ class _FewestChanges:
         columns = np.arange(FRAME_UNKNOWNS, FRAME_UNKNOWNS + change.size)
         return self._fit.derivatives(x, state.signs, (change,), columns, state.r)
 
-    def _pruned(self, state: RowState, saturated: RowState) -> RowState:
+    def _with_fewest_values(self, state: RowState, saturated: RowState) -> RowState:
         """Return the fit with as few values as the noise allows: one after another is held at zero."""
         while True:
             fewer = self._with_one_held(state, saturated)
@@ -179,13 +179,13 @@ class _FewestChanges:
             if k >= FRAME_UNKNOWNS:
                 values.append(k)
         # first those that are smallest for what the rows say about them
-        values.sort(key=lambda k: abs(state.x[k]) / max(uncertainties[k], _NO_DEVIATION))
+        values.sort(key=lambda k: abs(state.x[k]) / max(uncertainties[k], _SMALLEST_DEVIATION))
         for k in values:
             free = state.free.copy()
             free[k] = False
             x = state.x.copy()
             x[k] = 0.0
-            fewer = self._fit.solved(state.signs, state.changes, x, free)
+            fewer = self._fit.refined(state.signs, state.changes, x, free)
             if self._noise.accepts(fewer, saturated):
                 return fewer
         return None

@@ -10,16 +10,16 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from xml.parsers import expat
 
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import RobotSide, plain_name
 from twin.core.foreign.budget import DRAWING_SUFFIXES, STAGE_SUFFIXES
 
 _NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
 """A number that is no part of a word: "joint2" has none."""
 
-_TITLES = 3
+_MAX_TITLES = 3
 """Number of elements around a number whose names tell where it is."""
 
-_NEAREST = 2
+_MAX_NAMES = 2
 """Number of named elements around a number that it belongs to: in an MJCF, all bodies of an arm are nested."""
 
 _USDA = b"#usda"
@@ -28,14 +28,14 @@ _USDA = b"#usda"
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 """Bytes that some editors write before a text in UTF-8."""
 
-_NO_PLACE = re.compile(
+_OTHER_THAN_PLACES = re.compile(
     r"inerti|mass|limit|lower|upper|range|velocity|effort|force|geom|mesh|visual|collision|color|rgba|damping|friction"
     r"|mimic|polycoef|extent|points|density|stiffness|solref|solimp",
     re.IGNORECASE,
 )
 """Elements and attributes that place no joint and no link."""
 
-_STATES = {
+_PROPERTY_TERMS = {
     "limits": re.compile(r"limit|lower|upper|range", re.IGNORECASE),
     "speeds": re.compile(r"velocity", re.IGNORECASE),
     "efforts": re.compile(r"effort|force|range", re.IGNORECASE),
@@ -76,11 +76,11 @@ def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumb
     if data is None:
         return []
     if _is_xml(data):
-        numbers_of_text = _of_xml(data, side.places)
+        numbers_of_text = _xml_numbers(data, side.xacro_places)
     elif data.startswith(_USDA):
-        numbers_of_text = _of_usda(data)
+        numbers_of_text = _usda_numbers(data)
     else:
-        return list(_of_table(data))
+        return list(_table_numbers(data))
     chosen = []
     for number in numbers_of_text:
         if _may_state(number, kind) and not set(number.names).isdisjoint(names):
@@ -91,8 +91,8 @@ def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumb
 def _may_state(number: FileNumber, kind: str) -> bool:
     """Return whether the place of a number says that it may state a kind of property or, for "", a place."""
     if not kind:
-        return _NO_PLACE.search(number.what) is None
-    return _STATES[kind].search(number.what) is not None
+        return _OTHER_THAN_PLACES.search(number.what) is None
+    return _PROPERTY_TERMS[kind].search(number.what) is not None
 
 
 def why_not_edited(side: RobotSide) -> str:
@@ -104,7 +104,7 @@ def why_not_edited(side: RobotSide) -> str:
         suffix = side.path.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         return "its numbers are the shapes of a drawing. Change the place in the CAD program, and export it again"
-    if side.looped:
+    if side.has_loops:
         return "each number would need its loops to be closed again. Change the place that is named, and compare again"
     if suffix in STAGE_SUFFIXES:
         return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
@@ -123,7 +123,7 @@ def text_of(side: RobotSide) -> bytes | None:
             data = side.path.read_bytes()
         except OSError:
             return None
-    if not has_numbers(data, table=bool(side.rows)):
+    if not has_numbers(data, table=bool(side.dh_rows)):
         return None
     return data
 
@@ -165,7 +165,7 @@ class _XmlNumbers:
     """
 
     def __init__(self, data: bytes, places: Mapping[str, tuple[str, int]]) -> None:
-        """Take the text, and the places of its elements in other files, as in `side.RobotSide.places`."""
+        """Take the text, and the places of its elements in other files, as in `side.RobotSide.xacro_places`."""
         self.numbers: list[FileNumber] = []
         self._data = data
         self._places = places
@@ -214,7 +214,7 @@ class _XmlNumbers:
     def _titles(self) -> list[str]:
         """Return the elements around a number as they are told, without the root."""
         inside_root = self._open[1:]
-        nearest = inside_root[-_TITLES:]
+        nearest = inside_root[-_MAX_TITLES:]
         return [element.title for element in nearest]
 
     def _names(self) -> tuple[str, ...]:
@@ -223,8 +223,8 @@ class _XmlNumbers:
         for element in self._open:
             name = element.name or element.refers
             if name:
-                names.append(plain(name))
-        return tuple(names[-_NEAREST:])
+                names.append(plain_name(name))
+        return tuple(names[-_MAX_NAMES:])
 
     def _path(self) -> str:
         """Return the path of an element below the robot of a URDF: joint, its name, origin."""
@@ -235,7 +235,7 @@ class _XmlNumbers:
         return "/".join(parts)
 
 
-def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumber]:
+def _xml_numbers(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumber]:
     """Return the numbers of the attributes and texts of an XML file; [] if it is no XML."""
     collected = _XmlNumbers(data, places)
     try:
@@ -245,10 +245,10 @@ def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumb
     return collected.numbers
 
 
-_PRIM = re.compile(rb"\s*(?:def|over)\s+(?:\w+\s+)?\"([^\"]+)\"")
+_PRIM_BEGINNING = re.compile(rb"\s*(?:def|over)\s+(?:\w+\s+)?\"([^\"]+)\"")
 """Beginning of a prim of a USD stage, with its name."""
 
-_USD_VALUE = re.compile(rb"\s*(?:uniform\s+|custom\s+)*[\w\[\]]+\s+([\w:]+)\s*=")
+_USD_VALUE_BEGINNING = re.compile(rb"\s*(?:uniform\s+|custom\s+)*[\w\[\]]+\s+([\w:]+)\s*=")
 """Beginning of a value of a prim, with the name of its attribute."""
 
 
@@ -263,7 +263,7 @@ class _OpenPrims:
 
     def begin(self, content: bytes) -> None:
         """Take the name of a prim that begins in a line."""
-        prim = _PRIM.match(content)
+        prim = _PRIM_BEGINNING.match(content)
         if prim is not None:
             self._next = prim.group(1).decode()
 
@@ -284,17 +284,17 @@ class _OpenPrims:
             self._depth -= 1
 
 
-def _of_usda(data: bytes) -> list[FileNumber]:
+def _usda_numbers(data: bytes) -> list[FileNumber]:
     """Return the numbers of a USD stage in text form, each with the path of its prim and its attribute."""
     file_numbers: list[FileNumber] = []
     prims = _OpenPrims()
     start = 0
     for line, content in enumerate(data.split(b"\n"), 1):
         prims.begin(content)
-        value = _USD_VALUE.match(content)
+        value = _USD_VALUE_BEGINNING.match(content)
         if value is not None and prims.names:
             attribute = value.group(1).decode()
-            names = tuple(map(plain, prims.names))
+            names = tuple(map(plain_name, prims.names))
             for k, match in enumerate(_NUMBER.finditer(data, start + value.end(), start + len(content))):
                 what = f"</{'/'.join(prims.names)}>.{attribute}[{k}]"
                 file_numbers.append(FileNumber(match.start(), match.end(), line, what, names))
@@ -303,7 +303,7 @@ def _of_usda(data: bytes) -> list[FileNumber]:
     return file_numbers
 
 
-def _of_table(data: bytes) -> Iterator[FileNumber]:
+def _table_numbers(data: bytes) -> Iterator[FileNumber]:
     """Yield the numbers of a table or TOML, each with its place in its line."""
     start = 0
     for line, content in enumerate(data.split(b"\n"), 1):

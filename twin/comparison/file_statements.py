@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.parsers import expat
 
-from twin.comparison.dh_statements import CellStatement, cells
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.dh_statements import CellStatement, table_cells
+from twin.comparison.side import RobotSide, plain_name
 from twin.comparison.statements import NumberStatement, Role
 from twin.core.foreign.budget import MJCF_SUFFIXES
 from twin.core.spatial import Array
 from twin.core.units import DEG
 
-_INCLUDES = 8
+_MAX_INCLUDE_DEPTH = 8
 """Depth of included files up to which they are read."""
 
 _UNREAD_ROTATIONS = frozenset({"axisangle", "xyaxes", "zaxis"})
@@ -42,7 +42,7 @@ class _Element:
                 return child
         return None
 
-    def all_of(self, tag: str) -> list[_Element]:
+    def find_all(self, tag: str) -> list[_Element]:
         """Return the children with a tag."""
         with_tag = []
         for child in self.children:
@@ -56,36 +56,36 @@ def statements(side: RobotSide) -> Sequence[NumberStatement | CellStatement]:
     path = side.path
     if path is None:
         return []
-    if side.rows:
-        return cells(side)
+    if side.dh_rows:
+        return table_cells(side)
     if side.text is not None:
-        expanded = _parsed(path, side.text)
+        expanded = _root_of_file(path, side.text)
         if expanded is None:
             return []
-        return _urdf(expanded, side.places)
+        return _urdf_statements(expanded, side.xacro_places)
     if path.suffix.lower() not in (".urdf", *MJCF_SUFFIXES):
         return []
-    root = _parsed(path)
+    root = _root_of_file(path)
     if root is None:
         return []
     if root.tag == "robot":
-        return _urdf(root, {})
+        return _urdf_statements(root, {})
     if root.tag == "mujoco":
-        return _mjcf(root, path)
+        return _mjcf_statements(root, path)
     return []
 
 
-def _parsed(path: Path, data: bytes | None = None) -> _Element | None:
+def _root_of_file(path: Path, data: bytes | None = None) -> _Element | None:
     """Return the root element of an XML file, or of `data`, with the lines of all attributes; None if it is no XML."""
     if data is None:
         try:
             data = path.read_bytes()
         except OSError:
             return None
-    return _elements(data, path)
+    return _root_of_text(data, path)
 
 
-def _elements(data: bytes, path: Path) -> _Element | None:
+def _root_of_text(data: bytes, path: Path) -> _Element | None:
     """Return the root element of a text, which stands in the file `path`; None if it is no XML."""
     top = _Element("", {}, {}, str(path))
     stack = [top]
@@ -120,7 +120,7 @@ def _elements(data: bytes, path: Path) -> _Element | None:
     return top.children[0]
 
 
-def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
+def _parsed_numbers(text: str | None, count: int) -> tuple[float, ...] | None:
     """Return `count` numbers of a text; None if it does not have them."""
     if text is None:
         return None
@@ -143,7 +143,7 @@ class _MovedNames:
 
     def alone(self, joint: str) -> _MovedNames:
         """Return what the axis of a joint moves: only this joint."""
-        return _MovedNames(self.link, frozenset({plain(joint)}), frozenset())
+        return _MovedNames(self.link, frozenset({plain_name(joint)}), frozenset())
 
 
 @dataclass(frozen=True)
@@ -154,9 +154,9 @@ class _JointLinks:
     child: str
 
 
-def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberStatement]:
-    """Return the statements of a URDF; `places` are the places of its elements in the files of a xacro."""
-    joints = root.all_of("joint")
+def _urdf_statements(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberStatement]:
+    """Return the statements of a URDF; `xacro_places` are the places of its elements in the files of a xacro."""
+    joints = root.find_all("joint")
     ends: dict[str, _JointLinks] = {}
     below: dict[str, list[str]] = {}  # {link: joints of which it is the parent}
     for joint in joints:
@@ -173,17 +173,17 @@ def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberS
         name = joint.attributes.get("name", "")
         if name not in ends:
             continue
-        moved = _moved_by(name, ends, below)
+        moved = _names_moved_by(name, ends, below)
         origin = joint.find("origin")
         if origin is not None:
-            _move(origin, places.get(f"joint/{name}/origin"))
-            placed = _attribute(origin, f"joint '{name}' origin", "xyz", "shift", moved)
-            placed += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", moved, "rpy")
+            _set_place(origin, places.get(f"joint/{name}/origin"))
+            placed = _attribute_statements(origin, f"joint '{name}' origin", "xyz", "shift", moved)
+            placed += _attribute_statements(origin, f"joint '{name}' origin", "rpy", "turn", moved, "rpy")
             statements += _with_rotation(placed)
         axis = joint.find("axis")
         if axis is not None:
-            _move(axis, places.get(f"joint/{name}/axis"))
-            statements += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", moved.alone(name))
+            _set_place(axis, places.get(f"joint/{name}/axis"))
+            statements += _attribute_statements(axis, f"joint '{name}' axis", "xyz", "axis", moved.alone(name))
     return statements
 
 
@@ -201,30 +201,30 @@ def _with_rotation(placed: Sequence[NumberStatement]) -> list[NumberStatement]:
     return statements
 
 
-def _move(element: _Element, place: tuple[str, int] | None) -> None:
+def _set_place(element: _Element, place: tuple[str, int] | None) -> None:
     """State another file and line as the place of an element."""
     if place is not None:
         element.file = place[0]
         element.lines = dict.fromkeys(element.lines, place[1])
 
 
-def _moved_by(joint: str, ends: Mapping[str, _JointLinks], below: Mapping[str, Sequence[str]]) -> _MovedNames:
+def _names_moved_by(joint: str, ends: Mapping[str, _JointLinks], below: Mapping[str, Sequence[str]]) -> _MovedNames:
     """Return what the origin of a joint moves: its child, and all joints and links behind it."""
     joints = set()
     links = set()
     pending = [joint]
     while pending:
         name = pending.pop()
-        if plain(name) in joints:
+        if plain_name(name) in joints:
             continue
-        joints.add(plain(name))
+        joints.add(plain_name(name))
         child = ends[name].child
-        links.add(plain(child))
+        links.add(plain_name(child))
         pending += below.get(child, [])
-    return _MovedNames(plain(ends[joint].child), frozenset(joints), frozenset(links))
+    return _MovedNames(plain_name(ends[joint].child), frozenset(joints), frozenset(links))
 
 
-def _attribute(
+def _attribute_statements(
     element: _Element,
     what: str,
     attribute: str,
@@ -238,7 +238,7 @@ def _attribute(
     Arguments as the attributes of `statements.NumberStatement`.
     """
     count = 4 if kind == "quat" else 3
-    values = _numbers(element.attributes.get(attribute), count)
+    values = _parsed_numbers(element.attributes.get(attribute), count)
     if values is None:
         return []
     return [
@@ -257,62 +257,64 @@ def _attribute(
     ]
 
 
-def _mjcf(root: _Element, path: Path) -> list[NumberStatement]:
+def _mjcf_statements(root: _Element, path: Path) -> list[NumberStatement]:
     """Return the statements of an MJCF, which is in the file `path`."""
-    _include(root, path, _INCLUDES)
+    _expand_includes(root, path, _MAX_INCLUDE_DEPTH)
     unit = DEG
     sequence = "xyz"
-    for compiler in root.all_of("compiler"):
+    for compiler in root.find_all("compiler"):
         if compiler.attributes.get("angle") == "radian":
             unit = 1.0
         sequence = compiler.attributes.get("eulerseq", sequence)
     statements: list[NumberStatement] = []
-    for world in root.all_of("worldbody"):
-        for body in world.all_of("body"):
-            _body(body, f"euler:{sequence}", unit, statements)
+    for world in root.find_all("worldbody"):
+        for body in world.find_all("body"):
+            _add_body_statements(body, f"euler:{sequence}", unit, statements)
     return statements
 
 
-def _include(element: _Element, path: Path, depth: int) -> None:
+def _expand_includes(element: _Element, path: Path, depth: int) -> None:
     """Replace each <include> by the children of the root of its file."""
     children: list[_Element] = []
     for child in element.children:
         if child.tag == "include" and depth > 0:
-            included = _parsed(path.parent / child.attributes.get("file", ""))
+            included = _root_of_file(path.parent / child.attributes.get("file", ""))
             if included is not None:
-                _include(included, path, depth - 1)
+                _expand_includes(included, path, depth - 1)
                 children += included.children
             continue
-        _include(child, path, depth)
+        _expand_includes(child, path, depth)
         children.append(child)
     element.children = children
 
 
-def _body(body: _Element, euler: str, unit: float, statements: list[NumberStatement]) -> tuple[set[str], set[str]]:
+def _add_body_statements(
+    body: _Element, euler: str, unit: float, statements: list[NumberStatement]
+) -> tuple[set[str], set[str]]:
     """Add the statements of a body and its children; return (joints, bodies) of all of them, as plain names.
 
     `euler` is the kind of a turn by Euler angles, as in `statements.NumberStatement`, and `unit` their unit in rad.
     """
     name = body.attributes.get("name", "")
     joints: set[str] = set()
-    bodies = {plain(name)}
-    own_joints = body.all_of("joint")
+    bodies = {plain_name(name)}
+    own_joints = body.find_all("joint")
     for joint in own_joints:
-        joints.add(plain(joint.attributes.get("name", "")))
-    for child in body.all_of("body"):
-        joints_below, bodies_below = _body(child, euler, unit, statements)
+        joints.add(plain_name(joint.attributes.get("name", "")))
+    for child in body.find_all("body"):
+        joints_below, bodies_below = _add_body_statements(child, euler, unit, statements)
         joints |= joints_below
         bodies |= bodies_below
     if not name:
         return joints, bodies
-    moved = _MovedNames(plain(name), frozenset(joints), frozenset(bodies))
+    moved = _MovedNames(plain_name(name), frozenset(joints), frozenset(bodies))
     placed: list[NumberStatement] = []
     if _UNREAD_ROTATIONS.isdisjoint(body.attributes):
-        placed += _attribute(body, f"body '{name}'", "pos", "shift", moved)
-    placed += _attribute(body, f"body '{name}'", "quat", "turn", moved, "quat")
-    placed += _attribute(body, f"body '{name}'", "euler", "turn", moved, euler, unit)
+        placed += _attribute_statements(body, f"body '{name}'", "pos", "shift", moved)
+    placed += _attribute_statements(body, f"body '{name}'", "quat", "turn", moved, "quat")
+    placed += _attribute_statements(body, f"body '{name}'", "euler", "turn", moved, euler, unit)
     statements += _with_rotation(placed)
     for joint in own_joints:
         label = joint.attributes.get("name", "")
-        statements += _attribute(joint, f"joint '{label}'", "axis", "axis", moved.alone(label))
+        statements += _attribute_statements(joint, f"joint '{label}'", "axis", "axis", moved.alone(label))
     return joints, bodies

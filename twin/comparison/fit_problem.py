@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.comparison.matching import Matching
-from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
+from twin.comparison.side import ONE_COORDINATE_KINDS, TURNING_KINDS, Axis, RobotSide
 from twin.comparison.unknowns import BASE_VALUES, JointDeviation, Unknowns, convention_count, zero_columns
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -53,16 +53,16 @@ class FitProblem:
         self.count = len(self.axes)
         ends = []
         for axis in self.axes:
-            ends.append(_JointEnds(axis.parent, axis.child, axis.closing))
-        self.order, self.below = _tree(tuple(ends))
+            ends.append(_JointEnds(axis.parent, axis.child, axis.closes_loop))
+        self.order, self.below = _joint_order(tuple(ends))
         self.points, self.directions = _lines(self.axes)
         self.target_points, self.target_directions = _lines(second.axes)
         self.kinds = [axis.kind for axis in self.axes]
         self.directed: list[bool] = []
         self.signed: list[int] = []
         for i, (axis, target) in enumerate(zip(self.axes, second.axes, strict=True)):
-            self.directed.append(axis.directed and target.directed)
-            if axis.kind in ONE_COORDINATE and self.directed[i]:
+            self.directed.append(axis.is_directed and target.is_directed)
+            if axis.kind in ONE_COORDINATE_KINDS and self.directed[i]:
                 self.signed.append(i)
         self.with_direction: list[int] = []
         self.with_place: list[int] = []
@@ -72,7 +72,7 @@ class FitProblem:
                 self.with_centre.append(i)
             elif kind != "free":
                 self.with_direction.append(i)
-            if kind in TURNING:
+            if kind in TURNING_KINDS:
                 self.with_place.append(i)
         self.drawn = np.array([axis.drawn for axis in self.axes])
         self.target_drawn = np.array([axis.drawn for axis in second.axes])
@@ -88,12 +88,12 @@ class FitProblem:
         return np.stack([x, cross(z, x), z], axis=-1)
 
     @cached_property
-    def _turning(self) -> Array:
+    def _is_turning(self) -> Array:
         """(joints,) 1 for each joint that turns about its line, else 0."""
-        return np.array([kind in TURNING for kind in self.kinds], float)
+        return np.array([kind in TURNING_KINDS for kind in self.kinds], float)
 
     @cached_property
-    def _sliding(self) -> Array:
+    def _is_sliding(self) -> Array:
         """(joints,) 1 for each joint that slides along its line, else 0."""
         return np.array([kind == "prismatic" for kind in self.kinds], float)
 
@@ -103,7 +103,7 @@ class FitProblem:
         return ANGLE_PER_LENGTH * self.tolerance
 
     @cached_property
-    def start(self) -> Unknowns:
+    def unchanged(self) -> Unknowns:
         """No change at all."""
         return Unknowns(np.ones(self.count), np.zeros(BASE_VALUES), np.zeros(self.count))
 
@@ -125,35 +125,37 @@ class FitProblem:
         `groups` (k, groups, 4, 4) the groups of bodies.
         """
         count = len(values)
-        base, steps, deviations = self._parts(signs, values, deviating)
+        base, steps, deviations = self._elementary_motions(signs, values, deviating)
         groups = np.zeros((count, len(self.first.groups), 4, 4))
         groups[:] = base[:, None]
         parents = np.zeros((count, self.count, 4, 4))
         children = np.zeros((count, self.count, 4, 4))
-        placed: dict[int, Array] = {}
-        turned: dict[int, Array] = {}
+        place_motions: dict[int, Array] = {}
+        axis_motions: dict[int, Array] = {}
         for k, deviation in enumerate(deviating):
-            of_kind = turned if deviation.axis_only else placed
+            of_kind = axis_motions if deviation.axis_only else place_motions
             of_kind[deviation.joint] = deviations[:, k]
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
             step = steps[:, i]
-            if i in placed:
-                parent = parent @ placed[i]
-            if i in turned:
+            if i in place_motions:
+                parent = parent @ place_motions[i]
+            if i in axis_motions:
                 # the axis is turned about its point, and the links behind the joint stay: turned back after its motion
-                parent = parent @ turned[i]
-                step = step @ spatial.inverse(turned[i])
+                parent = parent @ axis_motions[i]
+                step = step @ spatial.inverse(axis_motions[i])
             parents[:, i] = parent
-            if axis.closing:
+            if axis.closes_loop:
                 children[:, i] = groups[:, axis.child]
                 continue
             children[:, i] = parent @ step
             groups[:, axis.child] = children[:, i]
         return parents, children, groups
 
-    def _parts(self, signs: Array, values: Array, deviating: Sequence[JointDeviation]) -> tuple[Array, Array, Array]:
+    def _elementary_motions(
+        self, signs: Array, values: Array, deviating: Sequence[JointDeviation]
+    ) -> tuple[Array, Array, Array]:
         """Return the motions (base, joints, deviations) of which `motions` consist, for `values` (k, unknowns).
 
         `base` (k, 4, 4) is the base transform, `joints` (k, joints, 4, 4) the motions about or along the lines,
@@ -163,30 +165,30 @@ class FitProblem:
         displacements = self.displacements(signs, values[:, zero_columns(self.count)])
         joints = [deviation.joint for deviation in deviating]
         in_frame = values[:, convention_count(self.count) :].reshape(len(values), len(joints), 2, 3)
-        placed = in_frame
+        in_base = in_frame
         if joints:
-            placed = in_frame @ np.swapaxes(self.frames[joints], 1, 2)
-        vectors = [values[:, None, :3], self._turns(displacements), placed[:, :, 0]]
+            in_base = in_frame @ np.swapaxes(self.frames[joints], 1, 2)
+        vectors = [values[:, None, :3], self._rotation_vectors(displacements), in_base[:, :, 0]]
         R = spatial.exp_so3(np.concatenate(vectors, axis=1))
-        joint_motions = self._about_lines(R[:, 1 : 1 + self.count], displacements)
+        joint_motions = self._motions_on_lines(R[:, 1 : 1 + self.count], displacements)
         R_deviations = R[:, 1 + self.count :]
         points = self.points[joints]
-        shifts = points - np.squeeze(R_deviations @ points[..., None], -1) + placed[:, :, 1]
+        shifts = points - np.squeeze(R_deviations @ points[..., None], -1) + in_base[:, :, 1]
         base = spatial.pose(R[:, 0], values[:, 3:BASE_VALUES])
         return base, joint_motions, spatial.pose(R_deviations, shifts)
 
     def joint_motions(self, displacements: Array) -> Array:
         """Return the motions (joints, 4, 4) about or along the lines for displacements (joints,) in m or rad."""
-        return self._about_lines(spatial.exp_so3(self._turns(displacements)), displacements)
+        return self._motions_on_lines(spatial.exp_so3(self._rotation_vectors(displacements)), displacements)
 
-    def _turns(self, displacements: Array) -> Array:
+    def _rotation_vectors(self, displacements: Array) -> Array:
         """Return the rotation vectors (..., joints, 3) of the displacements (..., joints)."""
-        return (displacements * self._turning)[..., None] * self.directions
+        return (displacements * self._is_turning)[..., None] * self.directions
 
-    def _about_lines(self, R: Array, displacements: Array) -> Array:
+    def _motions_on_lines(self, R: Array, displacements: Array) -> Array:
         """Return the motions (..., joints, 4, 4) of the displacements, whose rotations are R (..., joints, 3, 3)."""
         p = self.points - np.squeeze(R @ self.points[..., None], -1)
-        p = p + (displacements * self._sliding)[..., None] * self.directions
+        p = p + (displacements * self._is_sliding)[..., None] * self.directions
         return spatial.pose(R, p)
 
     def line(self, motion: Array, joint: int, signs: Array) -> tuple[Array, Array]:
@@ -195,7 +197,7 @@ class FitProblem:
         point = R @ self.points[joint] + motion[..., :3, 3]
         direction = signs[joint] * (R @ self.directions[joint])
         if not self.directed[joint]:
-            direction = ahead(direction, self.target_directions[joint])
+            direction = turned_towards(direction, self.target_directions[joint])
         return point, direction
 
 
@@ -206,7 +208,7 @@ def _lines(axes: Sequence[Axis]) -> tuple[Array, Array]:
     return points, directions
 
 
-def ahead(directions: Array, target: Array) -> Array:
+def turned_towards(directions: Array, target: Array) -> Array:
     """Return directions (..., 3), those turned around that point backward along a target direction (3,).
 
     For lines of which a side does not state which way is positive.
@@ -233,7 +235,7 @@ class _JointEnds(NamedTuple):
 
 
 @lru_cache(maxsize=64)  # edits make many problems with the same joints
-def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
+def _joint_order(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
     """Return (order, below) of joints.
 
     `order` has the joints of the tree first, parents first; `below` for each joint those that start at its child,

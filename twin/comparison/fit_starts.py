@@ -12,29 +12,29 @@ import numpy as np
 from twin.comparison.fit_problem import FitProblem, cross
 from twin.comparison.line_gaps import FitSolution, lines_coincide
 from twin.comparison.refinement import refine
-from twin.comparison.side import ONE_COORDINATE, TURNING
+from twin.comparison.side import ONE_COORDINATE_KINDS, TURNING_KINDS
 from twin.comparison.unknowns import JointDeviation, Unknowns
 from twin.core import spatial
 from twin.core.spatial import Array
 
-_FLAT = 1e-7
+_SMALLEST_AMPLITUDE = 1e-7
 """Amplitude of a cost below which an angle or a shift does not change it."""
 
-_SAME_DIRECTION = 1e-12
+_SAME_DIRECTION_SINE = 1e-12
 """Sine of the angle of two directions below which they are the same or opposite."""
 
 _SAME_LINE = 1e-6
 """Sine of an angle, or distance in m, below which two lines are parallel, or the same."""
 
 
-def solve(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...] = ()) -> FitSolution:
+def fit_from_starts(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...] = ()) -> FitSolution:
     """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
     best: FitSolution | None = None
     # the base as it is comes first: descriptions of one robot mostly have the same one
     for aligned in (False, True):
         if aligned and best is not None and lines_coincide(problem, best.gap):
             break
-        start = _start(problem, signs, deviating, aligned)
+        start = _start_values(problem, signs, deviating, aligned)
         if start is None:
             continue
         solution = refine(problem, start)
@@ -44,7 +44,9 @@ def solve(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ..
     return best
 
 
-def _start(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...], aligned: bool) -> Unknowns | None:
+def _start_values(
+    problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...], aligned: bool
+) -> Unknowns | None:
     """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
     X = np.eye(4)
     if aligned:
@@ -58,7 +60,7 @@ def _start(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, .
     deviations = np.zeros((len(deviating), 6))
     for i in problem.order:
         axis = problem.axes[i]
-        if axis.closing:  # the joints of the tree already place both of its links
+        if axis.closes_loop:  # the joints of the tree already place both of its links
             continue
         parent = groups[axis.parent]
         place = JointDeviation(i)
@@ -114,7 +116,7 @@ def _placed_on_target(problem: FitProblem, joint: int, parent: Array, signs: Arr
     kind = problem.kinds[joint]
     point, direction = problem.line(parent, joint, signs)
     target = problem.target_directions[joint]
-    turn = _turn(direction, target)
+    turn = _smallest_rotation(direction, target)
     if kind == "spherical":  # a ball is a point without a direction
         turn = np.zeros(3)
     # to the nearest point of the target line
@@ -142,7 +144,7 @@ def _displacement(
     `parent` (4, 4) is the motion of its parent; `neutral` is returned if no line behind the joint determines it.
     """
     kind = problem.kinds[joint]
-    if kind not in ONE_COORDINATE:
+    if kind not in ONE_COORDINATE_KINDS:
         return neutral
     axis = parent[:3, :3] @ problem.directions[joint]
     below = problem.below[joint]
@@ -153,9 +155,9 @@ def _displacement(
             if not _deviates(k, deviating):
                 children.append(k)
         if kind == "prismatic":
-            displacement = _slide(problem, parent, axis, children)
+            displacement = _best_shift(problem, parent, axis, children)
         else:
-            displacement = _angle(problem, joint, parent, axis, children, signs)
+            displacement = _best_angle(problem, joint, parent, axis, children, signs)
         if displacement is not None:
             return displacement
         # no line of these joints changes, as behind a slide along the same axis: those behind them may
@@ -166,7 +168,7 @@ def _displacement(
     return neutral
 
 
-def _angle(
+def _best_angle(
     problem: FitProblem, joint: int, T: Array, axis: Array, children: Sequence[int], signs: Array
 ) -> float | None:
     """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
@@ -180,7 +182,7 @@ def _angle(
         vectors: list[tuple[Array, Array]] = []
         if problem.kinds[k] != "spherical":
             vectors.append((direction, target_direction))
-        if problem.kinds[k] in TURNING:
+        if problem.kinds[k] in TURNING_KINDS:
             moment = cross(point - centre, direction)
             target_moment = cross(problem.target_points[k] - centre, target_direction)
             vectors.append((moment, target_moment))
@@ -190,19 +192,19 @@ def _angle(
             across = vector - axis * (axis @ vector)
             cosine_part += float(across @ target)
             sine_part += float(cross(axis, across) @ target)
-    if np.hypot(cosine_part, sine_part) < _FLAT:
+    if np.hypot(cosine_part, sine_part) < _SMALLEST_AMPLITUDE:
         return None
     return float(np.arctan2(sine_part, cosine_part))
 
 
-def _slide(problem: FitProblem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
+def _best_shift(problem: FitProblem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
     """Return the displacement along `axis` that brings the lines of the children nearest to their targets, or None."""
     # cost of the displacement s: square_part s^2 - 2 linear_part s + constant
     square_part = 0.0
     linear_part = 0.0
     for k in children:
         # the direction of a slide, all that it has, is the same after a shift
-        if problem.kinds[k] not in TURNING and problem.kinds[k] != "spherical":
+        if problem.kinds[k] not in TURNING_KINDS and problem.kinds[k] != "spherical":
             continue
         point = T[:3, :3] @ problem.points[k] + T[:3, 3]
         to_target = problem.target_points[k] - point
@@ -214,17 +216,17 @@ def _slide(problem: FitProblem, T: Array, axis: Array, children: Sequence[int]) 
             needed = to_target
         square_part += float(along @ along)
         linear_part += float(along @ needed)
-    if square_part < _FLAT:
+    if square_part < _SMALLEST_AMPLITUDE:
         return None
     return linear_part / square_part
 
 
-def _turn(direction: Array, target: Array) -> Array:
+def _smallest_rotation(direction: Array, target: Array) -> Array:
     """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
     normal = cross(direction, target)
     sine = float(np.linalg.norm(normal))
     cosine = float(direction @ target)
-    if sine < _SAME_DIRECTION:
+    if sine < _SAME_DIRECTION_SINE:
         if cosine > 0:
             return np.zeros(3)
         # half a turn, about any axis across

@@ -14,19 +14,19 @@ from twin.comparison.side import Axis, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
-NEAR = 2e-3
+SAME_HINGE_DISTANCE = 2e-3
 """Distance in m up to which two hinges are taken for the same one, drawn inaccurately."""
 
-PARALLEL = 1e-3
+PARALLEL_ANGLE = 1e-3
 """Angle in rad up to which hinges are parallel."""
 
-_SAME = 1e-6
+_COINCIDENT_DISTANCE = 1e-6
 """Distance in m up to which the hinges on the base coincide as they are drawn."""
 
-_CLOSER = 1e-9
+_SMALLEST_IMPROVEMENT = 1e-9
 """Distance in m by which a motion of the base must bring hinges closer, or the first motion stays."""
 
-_MOST_HINGES = 6
+_MAX_BASE_HINGES = 6
 """Maximum number of hinges on the base whose assignments are tried."""
 
 
@@ -35,9 +35,9 @@ def base_motion(linkage: RobotSide, coupled: RobotSide) -> Array | None:
 
     None if the sides have no two such hinges, or another number of them, or if they are too far apart.
     """
-    own_hinges = _on_base(linkage)
-    targets = _on_base(coupled)
-    if len(own_hinges) < 2 or len(own_hinges) != len(targets) or len(own_hinges) > _MOST_HINGES:
+    own_hinges = _hinges_on_base(linkage)
+    targets = _hinges_on_base(coupled)
+    if len(own_hinges) < 2 or len(own_hinges) != len(targets) or len(own_hinges) > _MAX_BASE_HINGES:
         return None
     goal = _points(targets)
     along = targets[0].direction
@@ -45,9 +45,9 @@ def base_motion(linkage: RobotSide, coupled: RobotSide) -> Array | None:
         return np.eye(4)  # two hinges also coincide after half a turn about the line across them
     best: Array | None = None
     smallest_gap = np.inf
-    for X, points in _base_candidates(own_hinges, goal, along):
-        gap = float(_distances(X, points, goal, along).sum())
-        if gap < smallest_gap - _CLOSER:
+    for X, points in _base_motions(own_hinges, goal, along):
+        gap = float(_distances_across(X, points, goal, along).sum())
+        if gap < smallest_gap - _SMALLEST_IMPROVEMENT:
             smallest_gap = gap
             best = X
     return best
@@ -58,7 +58,7 @@ def _points(axes: Sequence[Axis]) -> Array:
     return np.array([axis.point for axis in axes])
 
 
-def _on_base(side: RobotSide) -> list[Axis]:
+def _hinges_on_base(side: RobotSide) -> list[Axis]:
     """Return the joints of the tree that start at the base."""
     on_base = []
     for axis in side.tree:
@@ -69,16 +69,16 @@ def _on_base(side: RobotSide) -> list[Axis]:
 
 def _coincides_unmoved(hinges: Sequence[Axis], goal: Array, along: Array) -> bool:
     """Return whether the hinges of both sides coincide as they are drawn, in any order."""
-    if abs(hinges[0].direction @ along) <= 1.0 - PARALLEL**2:
+    if abs(hinges[0].direction @ along) <= 1.0 - PARALLEL_ANGLE**2:
         return False
     smallest_gap = np.inf
     for ordered in permutations(hinges):
-        distances = _distances(np.eye(4), _points(ordered), goal, along)
+        distances = _distances_across(np.eye(4), _points(ordered), goal, along)
         smallest_gap = min(smallest_gap, float(distances.max()))
-    return smallest_gap < _SAME
+    return smallest_gap < _COINCIDENT_DISTANCE
 
 
-def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Iterator[tuple[Array, Array]]:
+def _base_motions(hinges: Sequence[Axis], goal: Array, along: Array) -> Iterator[tuple[Array, Array]]:
     """Yield (motion (4, 4), points (hinges, 3) of the hinges in the order of the goal) of each possible assignment.
 
     Two hinges that coincide are likelier than all that nearly do: each motion is that of two of the hinges.
@@ -88,7 +88,7 @@ def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Itera
         # which way along the hinges is positive is not known
         for direction in (hinges[0].direction, -hinges[0].direction):
             of_all = _plane_fit(points, goal, direction, along)
-            if _distances(of_all, points, goal, along).max() > NEAR:
+            if _distances_across(of_all, points, goal, along).max() > SAME_HINGE_DISTANCE:
                 continue
             for pair in combinations(range(len(points)), 2):
                 pair_of_points = list(pair)
@@ -96,16 +96,16 @@ def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Itera
 
 
 def nearest_hinge(axis: Axis, points: Array, used: Collection[int]) -> int | None:
-    """Return the hinge of the linkage nearest to a hinge of the coupled side, within `NEAR`; None if there is none.
+    """Return the hinge of the linkage nearest to a hinge of the coupled side; None beyond `SAME_HINGE_DISTANCE`.
 
     `points` (joints, 3) are those of all hinges of the linkage, in the base of the coupled side; `used` are left out.
     """
     offsets = points - axis.point
-    distances = np.linalg.norm(_across(offsets, axis.direction), axis=1)
+    distances = np.linalg.norm(_parts_across(offsets, axis.direction), axis=1)
     for i in used:
         distances[i] = np.inf
     nearest = int(np.argmin(distances))
-    if distances[nearest] > NEAR:
+    if distances[nearest] > SAME_HINGE_DISTANCE:
         return None
     return nearest
 
@@ -138,15 +138,15 @@ def matched_links(
     return groups, held_hinges
 
 
-def _across(offsets: Array, along: Array) -> Array:
+def _parts_across(offsets: Array, along: Array) -> Array:
     """Return the parts of offsets (n, 3) across a direction."""
     return offsets - np.outer(offsets @ along, along)
 
 
-def _distances(X: Array, points: Array, goal: Array, along: Array) -> Array:
+def _distances_across(X: Array, points: Array, goal: Array, along: Array) -> Array:
     """Return the distances (n,) of moved points from others; along the hinges, nothing is compared."""
     offsets = points @ X[:3, :3].T + X[:3, 3] - goal
-    return np.linalg.norm(_across(offsets, along), axis=1)
+    return np.linalg.norm(_parts_across(offsets, along), axis=1)
 
 
 def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> Array:
@@ -154,8 +154,8 @@ def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> A
     R_direction = spatial.frame_from_axes(direction, spatial.unit_across(direction))
     R_target = spatial.frame_from_axes(target, spatial.unit_across(target))
     R0 = R_target @ R_direction.T
-    centred_points = _across((points - points.mean(axis=0)) @ R0.T, target)
-    centred_goal = _across(goal - goal.mean(axis=0), target)
+    centred_points = _parts_across((points - points.mean(axis=0)) @ R0.T, target)
+    centred_goal = _parts_across(goal - goal.mean(axis=0), target)
     # cost of the angle about the hinges: constant - a cos - b sin
     a = float(np.sum(centred_points * centred_goal))
     b = float(np.sum(np.cross(centred_points, centred_goal) @ target))

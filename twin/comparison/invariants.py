@@ -14,36 +14,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import carriers
-from twin.comparison.side import TURNING
+from twin.comparison.frame_gaps import carrier_of_groups
+from twin.comparison.side import TURNING_KINDS
 from twin.comparison.unknowns import JointDeviation
 from twin.core.spatial import Array
 
-_SIGNS = (1.0, -1.0)
+_POSSIBLE_SIGNS = (1.0, -1.0)
 """Signs that a joint can have."""
 
-SLACK = 3.0
+TOLERANCE_FACTOR = 3.0
 """Factor of the tolerances: a fit spreads errors over several joints."""
 
-_PARALLEL = 1e-4
+_PARALLEL_SINE = 1e-4
 """Sine of the angle of two lines below which they are parallel."""
 
-_CROSSING = 1e-2
+_CROSSING_SINE = 1e-2
 """Sine of the angle of two lines from which their cross product gives the direction of the common normal."""
 
-_SAME_LINE = 1e-3
+_SAME_LINE_DISTANCE = 1e-3
 """Distance in m of two parallel lines below which the direction from one to the other is inaccurate."""
 
-STEEP = 0.1
+ACCURATE_FOOT_SINE = 0.1
 """Sine of the angle of two lines from which the feet of their common normal are accurate."""
 
-FOOT = 10.0
+FOOT_TOLERANCE_FACTOR = 10.0
 """Factor of the tolerance for the distance of two feet on a line."""
 
-_NEEDED_TURN = 2e-3
+_SMALLEST_NEEDED_TURN = 2e-3
 """Angle in rad from which a needed zero counts; less may be inaccuracy of the normals."""
 
-_NEEDED_SHIFT = 1e-3
+_SMALLEST_NEEDED_SHIFT = 1e-3
 """The same for slides, in m."""
 
 
@@ -81,16 +81,18 @@ class JointNeighbours:
     foot_limit: float | None
     angle_limit: float
 
-    def _angle(self, signs: tuple[float, float, float]) -> float:
+    def _needed_turn(self, signs: tuple[float, float, float]) -> float:
         """Return by how much the joint of the first side must turn about its signed direction."""
-        ahead, back = self._vectors(self.first, signs)
+        ahead, back = self._normal_vectors(self.first, signs)
         first = _angle_about(signs[1] * self.directions[0], ahead, back)
-        ahead, back = self._vectors(self.second, (1.0, 1.0, 1.0))
+        ahead, back = self._normal_vectors(self.second, (1.0, 1.0, 1.0))
         second = _angle_about(self.directions[1], ahead, back)
         return _wrapped(second - first)
 
     @staticmethod
-    def _vectors(normals: tuple[CommonNormal, CommonNormal], signs: tuple[float, float, float]) -> tuple[Array, Array]:
+    def _normal_vectors(
+        normals: tuple[CommonNormal, CommonNormal], signs: tuple[float, float, float]
+    ) -> tuple[Array, Array]:
         """Return the vectors (3,) of two common normals with signs of the three joints."""
         ahead = normals[0].vector
         if normals[0].signed:
@@ -100,7 +102,7 @@ class JointNeighbours:
             back = signs[1] * signs[2] * back
         return ahead, back
 
-    def _feet(self) -> tuple[float, float] | None:
+    def _foot_distances(self) -> tuple[float, float] | None:
         """Return how far the feet of the normals are apart along the joint, for each side."""
         feet = []
         for normals in (self.first, self.second):
@@ -112,28 +114,28 @@ class JointNeighbours:
     def is_possible(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the lines can coincide with these signs of the three joints."""
         if not self.turns:  # no displacement of a slide changes the angle between the normals
-            return abs(self._angle(signs)) <= self.angle_limit
+            return abs(self._needed_turn(signs)) <= self.angle_limit
         # nor does a turn move the feet along the joint
-        feet = self._feet()
+        feet = self._foot_distances()
         if feet is None or self.foot_limit is None:
             return True
         return abs(signs[1] * feet[0] - feet[1]) <= self.foot_limit
 
     def is_possible_with_any(self) -> bool:
         """Return whether the lines can coincide with some signs of the three joints."""
-        return any(map(self.is_possible, itertools.product(_SIGNS, _SIGNS, _SIGNS)))
+        return any(map(self.is_possible, itertools.product(_POSSIBLE_SIGNS, _POSSIBLE_SIGNS, _POSSIBLE_SIGNS)))
 
     def needs_zero(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the zero of the joint must move with these signs of the three joints."""
         sign = signs[1]
         if self.turns:
-            zero = sign * self._angle(signs) - sign * self.drawn[1] + self.drawn[0]
-            return abs(_wrapped(zero)) > _NEEDED_TURN
-        feet = self._feet()
+            zero = sign * self._needed_turn(signs) - sign * self.drawn[1] + self.drawn[0]
+            return abs(_wrapped(zero)) > _SMALLEST_NEEDED_TURN
+        feet = self._foot_distances()
         if feet is None or self.foot_limit is None:
             return False
         zero = sign * (feet[1] - sign * feet[0]) - sign * self.drawn[1] + self.drawn[0]
-        return abs(zero) > _NEEDED_SHIFT
+        return abs(zero) > _SMALLEST_NEEDED_SHIFT
 
 
 @dataclass(frozen=True)
@@ -160,30 +162,32 @@ class NeighbourLines:
     """What the lines of consecutive joints say, before any fit.
 
     Attributes:
-        different: {joint: joint before it} where the distance or the angle of the two differs.
-        turned: {joint: those axes of the two, one of which is enough to remove this}.
-        products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
-        between: joints with a joint before and behind them.
+        differing_pairs: {joint: joint before it} where the distance or the angle of the two differs.
+        sufficient_axes: {joint: those axes of the two, one of which is enough to remove this}.
+        sign_products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
+        neighbours: joints with a joint before and behind them.
     """
 
-    different: dict[int, int]
-    turned: dict[int, frozenset[JointDeviation]]
-    products: dict[tuple[int, int], float]
-    between: tuple[JointNeighbours, ...]
+    differing_pairs: dict[int, int]
+    sufficient_axes: dict[int, frozenset[JointDeviation]]
+    sign_products: dict[tuple[int, int], float]
+    neighbours: tuple[JointNeighbours, ...]
 
     def allows(self, signs: Array, deviating: tuple[JointDeviation, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
-        for (i, k), product in self.products.items():
-            if _of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
+        for (i, k), product in self.sign_products.items():
+            if _deviations_of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
                 return False
-        for rule in self.between:
-            if not _of_three(rule).isdisjoint(deviating):
+        for rule in self.neighbours:
+            if not _deviations_of_three(rule).isdisjoint(deviating):
                 continue
             if not rule.is_possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
                 return False
         return True
 
-    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[JointDeviation, ...]) -> set[int] | None:
+    def needed_zeros(
+        self, signs: Mapping[int, float], last: int, deviating: tuple[JointDeviation, ...]
+    ) -> set[int] | None:
         """Return the zeros that the joints up to `last` need; None if the signs are impossible.
 
         Args:
@@ -191,14 +195,14 @@ class NeighbourLines:
             last: the joint whose sign was chosen last.
             deviating: as in `Unknowns`.
         """
-        for (i, k), product in self.products.items():
-            if k != last or not _of_pair(i, k).isdisjoint(deviating):
+        for (i, k), product in self.sign_products.items():
+            if k != last or not _deviations_of_pair(i, k).isdisjoint(deviating):
                 continue
             if signs[i] * signs[k] != product:
                 return None
         needed = set()
-        for rule in self.between:
-            if rule.behind != last or not _of_three(rule).isdisjoint(deviating):
+        for rule in self.neighbours:
+            if rule.behind != last or not _deviations_of_three(rule).isdisjoint(deviating):
                 continue
             signs_of_three = (signs[rule.before], signs[rule.joint], signs[rule.behind])
             if not rule.is_possible(signs_of_three):
@@ -209,21 +213,23 @@ class NeighbourLines:
 
     def contradictions(self) -> Iterator[Contradiction]:
         """Yield the differences that some joint must remove."""
-        for k, i in self.different.items():
-            yield Contradiction(self.turned[k] | {JointDeviation(k)}, _of_pair(i, k) - {JointDeviation(k)})
-        for rule in self.between:
+        for k, i in self.differing_pairs.items():
+            yield Contradiction(
+                self.sufficient_axes[k] | {JointDeviation(k)}, _deviations_of_pair(i, k) - {JointDeviation(k)}
+            )
+        for rule in self.neighbours:
             if not rule.is_possible_with_any():
-                yield Contradiction(_of_three(rule))
+                yield Contradiction(_deviations_of_three(rule))
 
 
-def _of_pair(before: int, joint: int) -> frozenset[JointDeviation]:
+def _deviations_of_pair(before: int, joint: int) -> frozenset[JointDeviation]:
     """Return what changes the distance or the angle of two consecutive lines."""
     return frozenset(
         {JointDeviation(joint), JointDeviation(before, axis_only=True), JointDeviation(joint, axis_only=True)}
     )
 
 
-def _of_three(rule: JointNeighbours) -> frozenset[JointDeviation]:
+def _deviations_of_three(rule: JointNeighbours) -> frozenset[JointDeviation]:
     """Return what changes a joint with those before and behind it."""
     changing = {JointDeviation(rule.joint), JointDeviation(rule.behind)}
     for joint in (rule.before, rule.joint, rule.behind):
@@ -233,36 +239,36 @@ def _of_three(rule: JointNeighbours) -> frozenset[JointDeviation]:
 
 def neighbour_lines(problem: FitProblem) -> NeighbourLines:
     """Compare all pairs of consecutive joints of the tree."""
-    carrier = carriers(problem)
+    carrier = carrier_of_groups(problem)
     different = {}
     turned = {}
     products = {}
     between = []
     for k, axis in enumerate(problem.axes):
         i = carrier.get(axis.parent)
-        if i is None or axis.closing:
+        if i is None or axis.closes_loop:
             continue
         kinds = (problem.kinds[i], axis.kind)
         if "spherical" in kinds or "free" in kinds:  # they have no line
             continue
-        first = _invariants(problem.points, problem.directions, i, k)
-        second = _invariants(problem.target_points, problem.target_directions, i, k)
-        turning = kinds[0] in TURNING and kinds[1] in TURNING
-        product = _product(problem, first, second, turning)
+        first = _line_invariants(problem.points, problem.directions, i, k)
+        second = _line_invariants(problem.target_points, problem.target_directions, i, k)
+        turning = kinds[0] in TURNING_KINDS and kinds[1] in TURNING_KINDS
+        product = _sign_product(problem, first, second, turning)
         if product == 0.0:
             different[k] = i
-            turned[k] = _turned_alone(problem, i, k, second, turning=turning)
+            turned[k] = _sufficient_axes(problem, i, k, second, turning=turning)
         elif product is not None:
             products[i, k] = product
         before = carrier.get(problem.axes[i].parent)
         if before is not None and problem.kinds[before] not in ("spherical", "free"):
-            rule = _between(problem, before, i, k)
+            rule = _joint_neighbours(problem, before, i, k)
             if rule is not None:
                 between.append(rule)
     return NeighbourLines(different, turned, products, tuple(between))
 
 
-def _between(problem: FitProblem, before: int, joint: int, behind: int) -> JointNeighbours | None:
+def _joint_neighbours(problem: FitProblem, before: int, joint: int, behind: int) -> JointNeighbours | None:
     """Return what three consecutive joints say; None if the normals at the joint in the middle have no direction."""
     if problem.kinds[joint] not in ("revolute", "prismatic"):
         return None
@@ -274,7 +280,7 @@ def _between(problem: FitProblem, before: int, joint: int, behind: int) -> Joint
     ):
         normals = []
         for i, k in ((before, joint), (joint, behind)):
-            turning = problem.kinds[i] in TURNING and problem.kinds[k] in TURNING
+            turning = problem.kinds[i] in TURNING_KINDS and problem.kinds[k] in TURNING_KINDS
             normal, sine = common_normal(points, directions, (i, k), joint, turning)
             if normal is None:
                 return None
@@ -284,14 +290,14 @@ def _between(problem: FitProblem, before: int, joint: int, behind: int) -> Joint
     # normals of crossing lines, and of parallel ones, are defined in different ways: they cannot be compared
     if sides[0][0].signed != sides[1][0].signed or sides[0][1].signed != sides[1][1].signed:
         return None
-    ends_turn = problem.kinds[before] in TURNING and problem.kinds[behind] in TURNING
+    ends_turn = problem.kinds[before] in TURNING_KINDS and problem.kinds[behind] in TURNING_KINDS
     foot_limit = None
     # `common_normal` divides by the square of the sine: so much less accurate are feet than lines
-    if ends_turn and min(sines) > STEEP:
-        foot_limit = FOOT * problem.tolerance / min(sines) ** 2
+    if ends_turn and min(sines) > ACCURATE_FOOT_SINE:
+        foot_limit = FOOT_TOLERANCE_FACTOR * problem.tolerance / min(sines) ** 2
     angle_limit = np.inf
-    if min(sines) > STEEP:
-        angle_limit = FOOT * problem.angle_tolerance / min(sines)
+    if min(sines) > ACCURATE_FOOT_SINE:
+        angle_limit = FOOT_TOLERANCE_FACTOR * problem.angle_tolerance / min(sines)
     directions = np.array([problem.directions[joint], problem.target_directions[joint]])
     drawn = (float(problem.drawn[joint]), float(problem.target_drawn[joint]))
     turns = problem.kinds[joint] == "revolute"
@@ -308,7 +314,7 @@ def common_normal(
     normal = np.cross(directions[i], directions[k])
     sine = float(np.linalg.norm(normal))
     between = points[k] - points[i]
-    if sine > _CROSSING:
+    if sine > _CROSSING_SINE:
         # foot of the normal on line i: p_i + a d_i, on line k: p_k + b d_k
         d = directions[joint]
         d_other = directions[k if joint == i else i]
@@ -319,7 +325,7 @@ def common_normal(
     across = between - directions[joint] * (between @ directions[joint])
     distance = float(np.linalg.norm(across))
     # lines that are nearly parallel, or the same, have no normal of which the direction is accurate
-    if sine > _PARALLEL or not turning or distance < _SAME_LINE:
+    if sine > _PARALLEL_SINE or not turning or distance < _SAME_LINE_DISTANCE:
         return None, sine
     return CommonNormal(across / distance, False, None), sine
 
@@ -334,18 +340,18 @@ def _wrapped(angle: float) -> float:
     return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 
-def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float, float, float]:
+def _line_invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float, float, float]:
     """Return (cosine, sine, distance) of two lines; the distance is signed by d_i x d_k, or that of parallel lines."""
     normal = np.cross(directions[i], directions[k])
     sine = float(np.linalg.norm(normal))
     cosine = float(directions[i] @ directions[k])
     between = points[k] - points[i]
-    if sine < _PARALLEL:
+    if sine < _PARALLEL_SINE:
         return cosine, sine, float(np.linalg.norm(np.cross(between, directions[i])))
     return cosine, sine, float(between @ normal) / sine
 
 
-def _turned_alone(
+def _sufficient_axes(
     problem: FitProblem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
 ) -> frozenset[JointDeviation]:
     """Return the axes, one of which gives two lines the distance of their targets.
@@ -353,7 +359,7 @@ def _turned_alone(
     An axis is turned about its point, whose distance from the other line stays: the distance of the lines can be any
     up to this one, and of parallel lines it is this one.
 
-    `i` and `k` are the joints of the lines, `target` is what `_invariants` returns of their targets, and `turning`
+    `i` and `k` are the joints of the lines, `target` is what `_line_invariants` returns of their targets, and `turning`
     says whether the lines of both joints have a place.
     """
     axes = set()
@@ -365,9 +371,9 @@ def _turned_alone(
         largest = float(np.linalg.norm(np.cross(between, problem.directions[other])))
         between_targets = problem.target_points[joint] - problem.target_points[other]
         reach = float(np.linalg.norm(between) + np.linalg.norm(between_targets))
-        parallel = target[1] < _PARALLEL
+        parallel = target[1] < _PARALLEL_SINE
         # lines that coincide within the tolerances, and are nearly parallel, are a little further apart at other points
-        limit = SLACK * problem.tolerance + (problem.angle_tolerance + parallel * target[1]) * reach
+        limit = TOLERANCE_FACTOR * problem.tolerance + (problem.angle_tolerance + parallel * target[1]) * reach
         distance = abs(target[2])
         if distance > largest + limit or (parallel and distance < largest - limit):
             continue
@@ -375,20 +381,20 @@ def _turned_alone(
     return frozenset(axes)
 
 
-def _product(
+def _sign_product(
     problem: FitProblem, first: tuple[float, float, float], second: tuple[float, float, float], turning: bool
 ) -> float | None:
     """Return the product of the signs of two joints, None if both are possible, or 0 if neither is."""
     possible = []
-    parallel = min(first[1], second[1]) < _PARALLEL
-    angle_limit = SLACK * problem.angle_tolerance
-    for product in _SIGNS:
+    parallel = min(first[1], second[1]) < _PARALLEL_SINE
+    angle_limit = TOLERANCE_FACTOR * problem.angle_tolerance
+    for product in _POSSIBLE_SIGNS:
         angle = np.arctan2(first[1], product * first[0])
         target = np.arctan2(second[1], second[0])
         if abs(angle - target) > angle_limit:
             continue
         distance = first[2] if parallel else product * first[2]
-        limit = SLACK * problem.tolerance
+        limit = TOLERANCE_FACTOR * problem.tolerance
         if not parallel:
             # the distance along the normal is inaccurate where the lines are nearly parallel
             limit /= min(first[1], second[1])

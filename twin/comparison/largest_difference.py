@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.coupled_motion import followed_of
+from twin.comparison.coupled_motion import followers_of
 from twin.comparison.file_numbers import numbers
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import FrameGap, leaf_gaps
+from twin.comparison.frame_gaps import FrameGap, leaf_frame_gaps
 from twin.comparison.line_gaps import FitSolution
-from twin.comparison.paths import short
+from twin.comparison.paths import relative_path
 from twin.comparison.properties import mapped_limits
-from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain
+from twin.comparison.side import ONE_COORDINATE_KINDS, Axis, RobotSide, plain_name
 from twin.comparison.unknowns import Unknowns, values_of, zero_columns
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -23,22 +23,22 @@ from twin.core.quantity import moved
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-_SAMPLES = 2000
+_STATE_COUNT = 2000
 """Number of joint states that are compared."""
 
-_ENDS = _SAMPLES // 4
+_END_STATE_COUNT = _STATE_COUNT // 4
 """Number of further states in which each joint is at an end of its range."""
 
 _SEED = 40
 """Seed of the joint states: the same files give the same differences."""
 
-_TIE = 1e-3
+_ANGLE_WEIGHT = 1e-3
 """Distance in m that an angle of 1 rad counts: of equal distances, the larger angle is worse."""
 
-_TURN = np.pi
+_DEFAULT_HALF_ANGLE = np.pi
 """Half of the range in rad of a joint without limits."""
 
-_SLIDE = 0.1
+_DEFAULT_HALF_LENGTH = 0.1
 """Half of the range in m of a slide without limits."""
 
 
@@ -81,17 +81,19 @@ def common_range(problem: FitProblem, solution: FitSolution) -> Array:
     """
     ranges = np.zeros((problem.count, 2))
     for i, axis in enumerate(problem.second.axes):
-        if axis.kind not in ONE_COORDINATE:
+        if axis.kind not in ONE_COORDINATE_KINDS:
             continue
         limits_of_first = mapped_limits(problem, solution, i)
-        low, high = _overlap(limits_of_first, axis.limits, _TURN if axis.is_angle else _SLIDE)
+        low, high = _overlap(
+            limits_of_first, axis.limits, _DEFAULT_HALF_ANGLE if axis.is_angle else _DEFAULT_HALF_LENGTH
+        )
         if low > high:
             assert limits_of_first is not None
             assert axis.limits is not None
-            in_first = _interval(limits_of_first, axis.is_angle)
-            in_second = _interval(axis.limits, axis.is_angle)
-            at_first = _stated_at(problem.first, problem.axes[i])
-            at_second = _stated_at(problem.second, axis)
+            in_first = _interval_text(limits_of_first, axis.is_angle)
+            in_second = _interval_text(axis.limits, axis.is_angle)
+            at_first = _limits_place_text(problem.first, problem.axes[i])
+            at_second = _limits_place_text(problem.second, axis)
             raise TwinError(
                 f"joint '{axis.name}' has no common range: {in_first} in {at_first} (as values of "
                 f"{problem.second.label}), {in_second} in {at_second}. Correct the limits of a file."
@@ -122,30 +124,30 @@ def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | No
     return low, high
 
 
-def _interval(limits: tuple[float, float], is_angle: bool) -> str:
+def _interval_text(limits: tuple[float, float], is_angle: bool) -> str:
     """Return a range in m or rad as text."""
     return f"{moved(limits[0], is_angle)} .. {moved(limits[1], is_angle)}"
 
 
-def _stated_at(side: RobotSide, axis: Axis) -> str:
+def _limits_place_text(side: RobotSide, axis: Axis) -> str:
     """Return the label of a side, with file and line of the limits of a joint where they are known."""
-    if side.rows:  # the numbers of a table have no names
+    if side.dh_rows:  # the numbers of a table have no names
         return side.label
-    for number in numbers(side, {plain(axis.name)}, "limits"):
+    for number in numbers(side, {plain_name(axis.name)}, "limits"):
         if "soft" in number.what or "safety" in number.what:
             continue
-        return f"{side.label} ({short(number.file or str(side.path))}:{number.line})"
+        return f"{side.label} ({relative_path(number.file or str(side.path))}:{number.line})"
     return side.label
 
 
 def largest_difference(problem: FitProblem, solution: FitSolution) -> ToolDifference | None:
     """Return the largest difference of the tool frames without the deviations of the solution; None without a tool."""
-    tools = leaf_gaps(problem, solution.unknowns)
+    tools = leaf_frame_gaps(problem, solution.unknowns)
     if not tools:
         return None
     unknowns = solution.unknowns
     undeviated = replace(unknowns, deviating=(), deviations=None)
-    if problem.first.looped:
+    if problem.first.has_loops:
         states = problem.target_drawn[None]
     else:
         states = _states(problem, common_range(problem, solution))
@@ -160,12 +162,12 @@ def largest_difference(problem: FitProblem, solution: FitSolution) -> ToolDiffer
 def _states(problem: FitProblem, ranges: Array) -> Array:
     """Return states (k, joints) of the second side in ranges (joints, 2) that its couplings allow."""
     rng = np.random.default_rng(_SEED)
-    states = rng.uniform(ranges[:, 0], ranges[:, 1], (_SAMPLES, problem.count))
+    states = rng.uniform(ranges[:, 0], ranges[:, 1], (_STATE_COUNT, problem.count))
     # the ends of the ranges are where long arms differ most
-    is_upper = rng.integers(0, 2, (_ENDS, problem.count)) == 1
+    is_upper = rng.integers(0, 2, (_END_STATE_COUNT, problem.count)) == 1
     ends = np.where(is_upper, ranges[:, 1], ranges[:, 0])
     states = np.vstack([states, ends])
-    for i, (ratios, offset) in followed_of(problem.second).items():
+    for i, (ratios, offset) in followers_of(problem.second).items():
         states[:, i] = states @ ratios + offset
     return states
 
@@ -183,12 +185,12 @@ def _difference_of(problem: FitProblem, unknowns: Unknowns, tool: FrameGap, stat
     first = motions[:, group] @ T_tool
     tree = []
     for i, axis in enumerate(problem.second.axes):
-        if not axis.closing:
+        if not axis.closes_loop:
             tree.append(i)
-    second = problem.second.poses((states - problem.target_drawn)[:, tree])[:, group_of_second] @ T_second
+    second = problem.second.group_motions((states - problem.target_drawn)[:, tree])[:, group_of_second] @ T_second
     distances = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
     angles = spatial.rotation_angle(np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3])
-    worst_state = int(np.argmax(distances + _TIE * angles))
+    worst_state = int(np.argmax(distances + _ANGLE_WEIGHT * angles))
     q = dict(zip(problem.second.joint_names, states[worst_state].tolist(), strict=True))
     names_of_first = [axis.name for axis in problem.axes]
     # the same posture in the conventions of the first side

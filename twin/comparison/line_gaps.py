@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.fit_problem import FitProblem, ahead, cross
-from twin.comparison.side import TURNING
+from twin.comparison.fit_problem import FitProblem, cross, turned_towards
+from twin.comparison.side import TURNING_KINDS
 from twin.comparison.unknowns import Unknowns, values_of
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -41,7 +41,7 @@ def line_residuals(problem: FitProblem, signs: Array, parents: Array, children: 
     directions = signs[:, None] * np.squeeze(R @ problem.directions[..., None], -1)
     for i, directed in enumerate(problem.directed):
         if not directed:
-            directions[:, i] = ahead(directions[:, i], problem.target_directions[i])
+            directions[:, i] = turned_towards(directions[:, i], problem.target_directions[i])
     to_lines = points - problem.target_points
     tilts = (directions - problem.target_directions)[:, problem.with_direction]
     moments = cross(to_lines[:, problem.with_place], problem.target_directions[problem.with_place])
@@ -50,7 +50,7 @@ def line_residuals(problem: FitProblem, signs: Array, parents: Array, children: 
     for residuals in (tilts, moments, shifts):
         rows.append(residuals.reshape(len(parents), -1))
     for i, axis in enumerate(problem.axes):
-        if axis.closing:
+        if axis.closes_loop:
             # the tree does not bring the child of such a joint to its parent: both must be on the line
             rows += _closing_rows(problem, i, parents[:, i], children[:, i], signs)
     return np.concatenate(rows, axis=1)
@@ -83,7 +83,7 @@ def line_gap(problem: FitProblem, unknowns: Unknowns) -> FitGap:
     angles = np.zeros(problem.count)
     for joint, axis in enumerate(problem.axes):
         motions = [parents[0, joint]]
-        if axis.closing:
+        if axis.closes_loop:
             motions.append(children[0, joint])
         for motion in motions:
             point, direction = problem.line(motion, joint, unknowns.signs)
@@ -96,11 +96,11 @@ def line_gap(problem: FitProblem, unknowns: Unknowns) -> FitGap:
                 continue
             tilt = np.linalg.norm(cross(direction, target))
             angles[joint] = max(angles[joint], float(np.arctan2(tilt, direction @ target)))
-            if axis.kind in TURNING:
+            if axis.kind in TURNING_KINDS:
                 distance = np.linalg.norm(cross(to_line, target))
                 distances[joint] = max(distances[joint], float(distance))
         # both lines are on the target, but their points may be apart along it
-        if axis.closing and axis.kind == "revolute":
+        if axis.closes_loop and axis.kind == "revolute":
             opened = _closing_rows(problem, joint, parents[:, joint], children[:, joint], unknowns.signs)[1]
             distances[joint] = max(distances[joint], float(np.linalg.norm(opened)))
     return FitGap(distances, angles)

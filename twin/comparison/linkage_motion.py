@@ -6,20 +6,20 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from twin.comparison.coupled_motion import RATIO, followed_of
+from twin.comparison.coupled_motion import RATIO_TOLERANCE, followers_of
 from twin.comparison.side import RobotSide
 from twin.core.spatial import Array
 
-_ROUNDS = 30
+_MAX_NEWTON_STEPS = 30
 """Maximum number of Newton steps that close the loops at one state."""
 
-_CLOSED = 1e-9
+_CLOSED_GAP = 1e-9
 """Gap in m up to which a loop is closed."""
 
-_LARGEST_STEP = 0.05
+_LARGEST_DRIVER_STEP = 0.05
 """Largest step of the driver on the way from its drawn state to zero, in rad: the driver is a hinge."""
 
-_STEP = 1e-7
+_DIFFERENCE_STEP = 1e-7
 """Step of a free joint for derivatives by differences, in rad, or in m for a slide."""
 
 
@@ -37,10 +37,10 @@ class LinkageMotion:
         self.driver = driver
         self.held = held
         self._drawn = np.array([axis.drawn for axis in linkage.axes])
-        self._followers = followed_of(linkage)
-        self._free = self._closing_joints()
+        self._followers = followers_of(linkage)
+        self._free = self._free_joints()
 
-    def _closing_joints(self) -> list[int]:
+    def _free_joints(self) -> list[int]:
         """Return the joints of the tree whose values close the loops: neither driven nor held, and in no coupling."""
         free = []
         for i in range(len(self.linkage.tree)):
@@ -76,49 +76,49 @@ class LinkageMotion:
 
     def _gaps(self, displacements: Array) -> Array:
         """Return the gaps of the loops (k, rows) in m for displacements (k, joints of the tree)."""
-        motions = self.linkage.poses(displacements)
+        motions = self.linkage.group_motions(displacements)
         rows = []
         for axis in self.linkage.axes:
-            if not axis.closing:
+            if not axis.closes_loop:
                 continue
             on_parent = motions[:, axis.parent, :3, :3] @ axis.point + motions[:, axis.parent, :3, 3]
             on_child = motions[:, axis.child, :3, :3] @ axis.point + motions[:, axis.child, :3, 3]
             rows.append(on_parent - on_child)
         return np.concatenate(rows, axis=1)
 
-    def closed(self, value: float, x: Array) -> Array | None:
+    def closing_values(self, value: float, x: Array) -> Array | None:
         """Return the values of the free joints that close the loops, near `x`; None if they do not close."""
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_NEWTON_STEPS):
             states = [self.displacements(value, x)]
-            for step in _STEP * np.eye(len(x)):
+            for step in _DIFFERENCE_STEP * np.eye(len(x)):
                 states.append(self.displacements(value, x + step))
             gaps = self._gaps(np.array(states))
             r = gaps[0]
-            if np.abs(r).max() < _CLOSED:
+            if np.abs(r).max() < _CLOSED_GAP:
                 return x
-            J = (gaps[1:] - r).T / _STEP
+            J = (gaps[1:] - r).T / _DIFFERENCE_STEP
             x = x - np.linalg.lstsq(J, r, rcond=1e-9)[0]
         return None
 
-    def at_zero(self) -> Array | None:
+    def values_at_zero(self) -> Array | None:
         """Return the values of the free joints at the state zero of the driver.
 
         None: a loop opens on the way, or couplings hold the driver at one value.
         """
         follower = self._followers.get(self.driver)
-        if follower is not None and np.abs(follower.ratios).max() < RATIO:
+        if follower is not None and np.abs(follower.ratios).max() < RATIO_TOLERANCE:
             return None
         x = self._drawn[self._free]
         drawn = float(self._drawn[self.driver])
-        steps = 1 + int(np.ceil(abs(drawn) / _LARGEST_STEP))
+        steps = 1 + int(np.ceil(abs(drawn) / _LARGEST_DRIVER_STEP))
         for value in np.linspace(drawn, 0.0, steps + 1)[1:]:
-            closing = self.closed(float(value), x)
+            closing = self.closing_values(float(value), x)
             if closing is None:
                 return None
             x = closing
         return x
 
-    def along(self, values: Array, x_zero: Array) -> Array | None:
+    def displacements_along(self, values: Array, x_zero: Array) -> Array | None:
         """Return the displacements (k, joints of the tree) along values (k,) of the driver; None if a loop opens.
 
         From the value nearest to zero, where the free joints have the values `x_zero`, each state begins at its
@@ -129,14 +129,14 @@ class LinkageMotion:
         downward = range(start - 1, -1, -1)
         displacements = np.zeros((len(values), len(self.linkage.tree)))
         for order in (upward, downward):
-            if not self._follow(order, values, x_zero, displacements):
+            if not self._fill_displacements(order, values, x_zero, displacements):
                 return None
         return displacements
 
-    def _follow(self, order: Sequence[int], values: Array, x: Array, displacements: Array) -> bool:
+    def _fill_displacements(self, order: Sequence[int], values: Array, x: Array, displacements: Array) -> bool:
         """Fill displacements for one state after another, beginning at x; return whether all loops close."""
         for k in order:
-            closing = self.closed(float(values[k]), x)
+            closing = self.closing_values(float(values[k]), x)
             if closing is None:
                 return False
             x = closing

@@ -11,21 +11,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin.comparison.compared_items import NumberEdit
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.items import NumberEdit
-from twin.comparison.joined import joined
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
 from twin.comparison.mechanism_side import drawn_poses
-from twin.comparison.openings import openings
-from twin.comparison.paths import short
-from twin.comparison.recut import recut
+from twin.comparison.merged_joints import with_merged_joints
+from twin.comparison.openings import loop_openings
+from twin.comparison.paths import relative_path
+from twin.comparison.recut import with_tree_of
 from twin.comparison.rereading import EditGoal, attribute_edits
-from twin.comparison.side import Axis, RobotSide, plain
+from twin.comparison.side import Axis, RobotSide, plain_name
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-_MOST = 4
+_MAX_EXPLANATIONS = 4
 """Maximum number of explanations whose joints are tried."""
 
 
@@ -40,7 +40,7 @@ def loop_edits(
         explanations: the places that differ; only explanations by one place are tried.
     """
     joints: list[int] = []
-    for places in explanations[:_MOST]:
+    for places in explanations[:_MAX_EXPLANATIONS]:
         if len(places) == 1 and places[0].joint not in joints:
             joints.append(places[0].joint)
     edits: list[NumberEdit] = []
@@ -52,8 +52,8 @@ def loop_edits(
         names: set[str] = set()
         for joint in joints:
             axis = (problem.axes, problem.second.axes)[edited][joint]
-            names |= {plain(axis.name), *axis.parts}
-        edits += attribute_edits(side, names, _goal(sides, edited, problem.tolerance), short)
+            names |= {plain_name(axis.name), *axis.merged_names}
+        edits += attribute_edits(side, names, _links_goal(sides, edited, problem.tolerance), relative_path)
     return edits
 
 
@@ -63,20 +63,20 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: FitProblem, joint
     `sides` are the sides as they were read, and `joint` closes the loop.
     """
     axes = (problem.axes[joint], problem.second.axes[joint])
-    opened = [_is_open(problem, axis) for axis in axes]
-    if sum(opened) != 1:  # open on both sides: neither says where the loop closes
+    is_open = [_is_open(problem, axis) for axis in axes]
+    if sum(is_open) != 1:  # open on both sides: neither says where the loop closes
         return []
-    edited = opened.index(True)
+    edited = is_open.index(True)
     closed = sides[edited].reread_closed
     if closed is None:
         return []
-    links_agree = _goal(sides, edited, problem.tolerance).agrees
+    links_agree = _links_goal(sides, edited, problem.tolerance).agrees
 
     def residual(side: RobotSide) -> Array:
         if side.mechanism is None:
             return np.zeros(0)
         poses, _ = drawn_poses(side.mechanism)
-        return openings(side.mechanism, poses)
+        return loop_openings(side.mechanism, poses)
 
     def agrees(side: RobotSide) -> bool:
         # an edit that closes this loop may open another
@@ -88,10 +88,10 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: FitProblem, joint
     goal = EditGoal(residual, agrees, lambda _: 0, problem.tolerance)
     axis = axes[edited]
     side = replace(sides[edited], reread=closed)
-    edits = attribute_edits(side, {plain(axis.name), *axis.parts}, goal, short)
+    edits = attribute_edits(side, {plain_name(axis.name), *axis.merged_names}, goal, relative_path)
     # the places of the two ends of a weld are written at its bodies; each body has its own number of tries
-    for body in _bodies_of(side, axis.opened_at):
-        for edit in attribute_edits(side, {plain(body)}, goal, short):
+    for body in _bodies_of(side, axis.open_weld):
+        for edit in attribute_edits(side, {plain_name(body)}, goal, relative_path):
             if edit not in edits:
                 edits.append(edit)
     return edits
@@ -99,7 +99,7 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: FitProblem, joint
 
 def _is_open(problem: FitProblem, axis: Axis) -> bool:
     """Return whether a joint that closes a loop is open by more than the tolerance in m or rad."""
-    distance, angle = axis.opened
+    distance, angle = axis.opening
     return distance > problem.tolerance or angle > problem.angle_tolerance
 
 
@@ -111,16 +111,16 @@ def _bodies_of(side: RobotSide, weld: str) -> tuple[str, ...]:
     return (joint.parent, joint.child)
 
 
-def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> EditGoal:
+def _links_goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> EditGoal:
     """Return the goal that all links of both sides agree."""
 
     def links_of(side: RobotSide) -> tuple[LinkMotions, Array]:
         sides_with_edit = list(sides)
         sides_with_edit[edited] = side
-        first = joined(sides_with_edit[0], sides_with_edit[1], tolerance)
-        second = recut(joined(sides_with_edit[1], sides_with_edit[0], tolerance), first)
+        first = with_merged_joints(sides_with_edit[0], sides_with_edit[1], tolerance)
+        second = with_tree_of(with_merged_joints(sides_with_edit[1], sides_with_edit[0], tolerance), first)
         links = LinkMotions(FitProblem(first, second, match(first, second), tolerance))
-        return links, links.together()
+        return links, links.fitted_to_all()
 
     def residual(side: RobotSide) -> Array:
         try:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from twin.comparison.side import Axis, RobotSide, common_beginning, plain
+from twin.comparison.side import Axis, RobotSide, common_prefix, plain_name
 from twin.core.errors import TwinError
 
 
@@ -30,9 +30,9 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
         TwinError: the sides have different numbers or types of joints, so that no joint-by-joint match exists.
     """
     # names are what the author says of a joint; places in a tree only count where no name helps
-    pairs = _by_names(first, second) or _by_links(first, second)
+    pairs = _pairs_of_names(first, second) or _pairs_of_loops(first, second)
     if pairs is None:
-        pairs = _by_structure(first, second)
+        pairs = _pairs_of_structure(first, second)
     renamed = []
     for j, i in enumerate(pairs):
         names = (first.axes[i].name, second.axes[j].name)
@@ -48,21 +48,21 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     """
     if not first.axes or not second.axes:
         return
-    pairs_of_whole_names = _same_names(first.joint_names, second.joint_names)
+    pairs_of_whole_names = _index_pairs(first.joint_names, second.joint_names)
     if pairs_of_whole_names is not None:
         yield pairs_of_whole_names
-    pairs_of_bare_names = _same_names(_without_prefix(first.joint_names), _without_prefix(second.joint_names))
+    pairs_of_bare_names = _index_pairs(_without_prefix(first.joint_names), _without_prefix(second.joint_names))
     if pairs_of_bare_names is not None:
         yield pairs_of_bare_names
 
 
-def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] | None:
+def _index_pairs(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] | None:
     """Return for each name of the second list the index of the same name in the first, as in `plain`; or None.
 
     None if a name has no partner, or two: names that differ only in case or signs are the same.
     """
-    names_of_first = list(map(plain, of_first))
-    names_of_second = list(map(plain, of_second))
+    names_of_first = list(map(plain_name, of_first))
+    names_of_second = list(map(plain_name, of_second))
     index = dict(zip(names_of_first, range(len(names_of_first)), strict=True))
     is_unique = len(index) == len(of_first)
     if not is_unique or len(names_of_second) != len(index) or set(names_of_second) != index.keys():
@@ -72,7 +72,7 @@ def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] 
 
 def _without_prefix(names: Sequence[str]) -> list[str]:
     """Return names without their common beginning, but with its digits: it is the name or the maker of the robot."""
-    common = common_beginning(names).rstrip("0123456789")
+    common = common_prefix(names).rstrip("0123456789")
     bare_names = []
     for name in names:
         bare_names.append(name.removeprefix(common))
@@ -88,8 +88,8 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
     if len(first.axes) != len(second.axes):
         return None
     links = _links_by_bodies(first, second)
-    index_of_first = _unique(first.joint_names)
-    index_of_second = _unique(second.joint_names)
+    index_of_first = _indices_of_unique(first.joint_names)
+    index_of_second = _indices_of_unique(second.joint_names)
     pairs: dict[int, int] = {}
     for name, j in index_of_second.items():
         if name in index_of_first:
@@ -103,21 +103,21 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
         ends = {links.get(axis.parent), links.get(axis.child)}
         candidates = []
         for i in unpaired:
-            if _ends(first, i) == ends:
+            if _linked_groups(first, i) == ends:
                 candidates.append(i)
         if len(candidates) != 1:
             return None
         i = candidates[0]
         partner = first.axes[i]
         # in a tree, a joint of another name is found by its place, or missing
-        if partner.kind != axis.kind or not (axis.closing or partner.closing):
+        if partner.kind != axis.kind or not (axis.closes_loop or partner.closes_loop):
             return None
         pairs[j] = i
         unpaired.remove(i)
     return [pairs[j] for j in range(len(second.axes))]
 
 
-def _ends(side: RobotSide, i: int) -> set[int]:
+def _linked_groups(side: RobotSide, i: int) -> set[int]:
     """Return the groups of links that a joint connects."""
     return {side.axes[i].parent, side.axes[i].child}
 
@@ -127,31 +127,31 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
     group_of = {}
     for group, links in enumerate(first.groups):
         for body in links.bodies:
-            group_of[plain(body)] = group
+            group_of[plain_name(body)] = group
     partner_of_group = {0: 0}
     for group, links in enumerate(second.groups):
         partners = set()
         for body in links.bodies:
-            if plain(body) in group_of:
-                partners.add(group_of[plain(body)])
+            if plain_name(body) in group_of:
+                partners.add(group_of[plain_name(body)])
         if len(partners) == 1:  # bodies of two groups that are one link here say nothing about either
             partner_of_group[group] = partners.pop()
     return partner_of_group
 
 
-def _unique(names: Sequence[str]) -> dict[str, int]:
+def _indices_of_unique(names: Sequence[str]) -> dict[str, int]:
     """Return {plain name: its index} of the names that occur once."""
-    count = Counter(map(plain, names))
+    count = Counter(map(plain_name, names))
     indices = {}
     for i, name in enumerate(names):
-        if count[plain(name)] == 1:
-            indices[plain(name)] = i
+        if count[plain_name(name)] == 1:
+            indices[plain_name(name)] = i
     return indices
 
 
-def _by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
+def _pairs_of_loops(first: RobotSide, second: RobotSide) -> list[int] | None:
     """Return `pairs_by_links` of two robots with loops, if the joints are of the same kinds."""
-    if not (first.looped and second.looped):
+    if not (first.has_loops and second.has_loops):
         return None
     pairs = pairs_by_links(first, second)
     if pairs is None or not _same_kinds(first, second, pairs):
@@ -160,7 +160,7 @@ def _by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
     return pairs
 
 
-def _by_names(first: RobotSide, second: RobotSide) -> list[int] | None:
+def _pairs_of_names(first: RobotSide, second: RobotSide) -> list[int] | None:
     """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
     for pairs in pairs_by_name(first, second):
         if _same_kinds(first, second, pairs):
@@ -204,28 +204,28 @@ def _same_kinds(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> bo
     return kinds_of_first == kinds_of_second
 
 
-def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
+def _pairs_of_structure(first: RobotSide, second: RobotSide) -> list[int]:
     """Return pairs of joints at the same places of two trees with the same shape and types.
 
     Raises:
         TwinError: the trees differ; the message names the joints without partner, and the way out.
     """
-    if _structure(first) == _structure(second):
+    if _tree_structure(first) == _tree_structure(second):
         return list(range(len(second.axes)))
-    other_type = _other_type(first, second)
+    other_type = _type_mismatch_text(first, second)
     if other_type is not None:
         raise TwinError(other_type)
-    raise TwinError(_mismatch(first, second))
+    raise TwinError(_mismatch_text(first, second))
 
 
-def _other_type(first: RobotSide, second: RobotSide) -> str | None:
+def _type_mismatch_text(first: RobotSide, second: RobotSide) -> str | None:
     """Return the text of the error for joints with the same names and other types; None if there are none."""
     axis_of_name: dict[str, Axis] = {}
     for axis in first.axes:
-        axis_of_name[plain(axis.name)] = axis
+        axis_of_name[plain_name(axis.name)] = axis
     parts = []
     for axis in second.axes:
-        partner = axis_of_name.get(plain(axis.name))
+        partner = axis_of_name.get(plain_name(axis.name))
         if partner is not None and partner.kind != axis.kind:
             text = f"joint '{partner.name}' is {partner.kind} in {first.label}, {axis.kind} in {second.label}"
             parts.append(text)
@@ -235,7 +235,7 @@ def _other_type(first: RobotSide, second: RobotSide) -> str | None:
     return f"{'; '.join(parts)}. {way_out}"
 
 
-def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
+def _tree_structure(side: RobotSide) -> list[tuple[str, int, int]]:
     """Return for each joint its type and the groups of links that it connects."""
     structure = []
     for axis in side.axes:
@@ -246,18 +246,18 @@ def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
 
 def _shared_names(side: RobotSide, other_side: RobotSide) -> tuple[list[str], list[str]]:
     """Return (names of the joints of a side that the other side also has, names that it does not have)."""
-    names_of_other = set(map(plain, other_side.joint_names))
+    names_of_other = set(map(plain_name, other_side.joint_names))
     shared = []
     alone = []
     for name in side.joint_names:
-        if plain(name) in names_of_other:
+        if plain_name(name) in names_of_other:
             shared.append(name)
         else:
             alone.append(name)
     return shared, alone
 
 
-def _mismatch(first: RobotSide, second: RobotSide) -> str:
+def _mismatch_text(first: RobotSide, second: RobotSide) -> str:
     """Return the text of the error for sides whose joints do not match."""
     parts = []
     for side, other_side in ((first, second), (second, first)):

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.comparison.openings import opened, with_welds
-from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide, plain
+from twin.comparison.openings import joint_opening, with_weld_openings
+from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide, plain_name
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 
-_CARRIER = 1.001e-3
+_MAX_CARRIER_MASS = 1.001e-3
 """Mass in kg up to which a link between a joint and a weld is no part of the robot, see `_carriers`."""
 
 
@@ -63,10 +63,10 @@ def from_mechanism(
         unlimited: joints of which the file states that they have no limits.
     """
     poses, coordinates = drawn_poses(mechanism)
-    moving = _moving(mechanism, only, label)
-    group_of = _groups(mechanism, moving)
+    moving = _moving_joint_names(mechanism, only, label)
+    group_of = _group_of_body(mechanism, moving)
     axes: list[Axis] = []
-    for axis in _axes(mechanism, moving, poses, coordinates, group_of):
+    for axis in _moving_axes(mechanism, moving, poses, coordinates, group_of):
         if axis.limits is None and axis.name in unlimited:
             axis = replace(axis, limits=UNLIMITED)
         axes.append(axis)
@@ -90,12 +90,12 @@ def from_mechanism(
         label=label,
         name=mechanism.name,
         axes=tuple(axes),
-        groups=_bodies(mechanism, group_of, poses),
+        groups=_joint_groups(mechanism, group_of, poses),
         frames=frames,
         tool=mechanism.tool,
-        guessed_tool=guessed_tool,
-        couplings=_couplings(mechanism, moving, coordinates),
-        order=tuple(driven_names),
+        is_tool_guessed=guessed_tool,
+        couplings=_coupling_rows(mechanism, moving, coordinates),
+        driven_joints=tuple(driven_names),
         path=path,
         notes=tuple(notes),
         efforts=stated_efforts,
@@ -103,7 +103,7 @@ def from_mechanism(
     )
 
 
-def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]:
+def _moving_joint_names(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]:
     """Return the names of the joints that move in the comparison."""
     # a floating robot is compared with one on a stand: where its base is says nothing about its kinematics
     names = set()
@@ -116,7 +116,7 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
     for name in only:
         alike = []
         for name_of_joint in names:
-            if plain(name_of_joint) == plain(name):
+            if plain_name(name_of_joint) == plain_name(name):
                 alike.append(name_of_joint)
         if name in names:
             alike = [name]
@@ -145,7 +145,7 @@ def _refuse_locked(mechanism: Mechanism, locked: Collection[str], group_of: Mapp
         )
 
 
-def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
+def _group_of_body(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     """Return {body: index of its group}; the group of the base is 0.
 
     A fixed joint that closes a loop (a weld), and one that is held, makes one group of two: the loop stays closed. The
@@ -175,7 +175,7 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     return group_of
 
 
-def _axes(
+def _moving_axes(
     mechanism: Mechanism,
     moving: Collection[str],
     poses: Mapping[str, Array],
@@ -200,16 +200,16 @@ def _axes(
             direction=T_base_joint[:3, 2],
             drawn=coordinates.get(joint.name, 0.0),
             # a joint of the tree closes a loop if its child is welded to a link that other joints already reach
-            closing=child in reached,
+            closes_loop=child in reached,
             active=joint.active,
             limits=joint.limits,
             max_speed=joint.max_speed,
-            opened=opened(joint, poses),
+            opening=joint_opening(joint, poses),
         )
         reached.add(child)
         axes.append(axis)
-    axes.sort(key=lambda axis: axis.closing)  # stable: the joints of the tree stay parents first
-    return with_welds(mechanism, axes, group_of, poses)
+    axes.sort(key=lambda axis: axis.closes_loop)  # stable: the joints of the tree stay parents first
+    return with_weld_openings(mechanism, axes, group_of, poses)
 
 
 def _carriers(mechanism: Mechanism) -> set[str]:
@@ -228,12 +228,14 @@ def _carriers(mechanism: Mechanism) -> set[str]:
             if joint.type != "fixed" or joints_on[name] != 2 or name == mechanism.base:
                 continue
             inertia = mechanism.body(name).inertia
-            if inertia is not None and inertia.mass <= _CARRIER:
+            if inertia is not None and inertia.mass <= _MAX_CARRIER_MASS:
                 carriers.add(name)
     return carriers
 
 
-def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[JointGroup, ...]:
+def _joint_groups(
+    mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]
+) -> tuple[JointGroup, ...]:
     """Return the groups of bodies: their names, and their common inertia in base at the drawn state."""
     count = max(group_of.values()) + 1
     carriers = _carriers(mechanism)
@@ -253,7 +255,7 @@ def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[st
     return tuple(groups)
 
 
-def _couplings(
+def _coupling_rows(
     mechanism: Mechanism, moving: Collection[str], coordinates: Mapping[str, float]
 ) -> tuple[CouplingRow, ...]:
     """Return the couplings of the moving joints; `coordinates` are those of the drawn state, 0 without one."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.coupled_motion import followed_of
-from twin.comparison.hinge_matching import PARALLEL, base_motion, matched_links, nearest_hinge
+from twin.comparison.coupled_motion import followers_of
+from twin.comparison.hinge_matching import PARALLEL_ANGLE, base_motion, matched_links, nearest_hinge
 from twin.comparison.linkage_motion import LinkageMotion
 from twin.comparison.side import Axis, RobotSide
 from twin.core import spatial
@@ -26,10 +26,10 @@ from twin.core.quantity import deg, mm, moved
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-_STATES = 81
+_STROKE_STATES = 81
 """Number of states along the stroke."""
 
-_MOVED = 1e-5
+_SMALLEST_SHOWN_DISTANCE = 1e-5
 """Distance in m from which the place of a hinge is told as another one."""
 
 
@@ -61,7 +61,7 @@ class MimicError:
 
     Attributes:
         linkage, coupled: labels of the side with loops, and of the side with couplings.
-        leader: the driven joint of the coupled side; `stroke` is its common range in m or rad.
+        leader: the driven joint of the coupled side, a hinge; `stroke` is its common range in rad.
         links: the errors of its links.
         moved_hinges: (joint, distance in m) of hinges whose places differ, with their names in the coupled side.
         held, missing: hinges of the linkage that the coupled side holds, and those at which it opens a loop.
@@ -151,14 +151,14 @@ class MimicError:
 def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
     """Return the error of the couplings of one side over the stroke; None if the sides are no such pair."""
     leaders = _leaders(coupled)
-    if not linkage.looped or coupled.looped or not coupled.couplings or len(leaders) != 1:
+    if not linkage.has_loops or coupled.has_loops or not coupled.couplings or len(leaders) != 1:
         return None
     # the links are matched and compared in one plane, in which only parallel hinges move them
     if {axis.kind for axis in (*linkage.tree, *coupled.tree)} != {"revolute"}:
         return None
     pins: list[Axis] = []
     for axis in linkage.axes:
-        if not axis.closing:
+        if not axis.closes_loop:
             continue
         if axis.kind not in ("revolute", "spherical"):
             return None  # a loop is closed by a point that both links share: a slide or a cylinder shares none
@@ -166,7 +166,7 @@ def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
             pins.append(axis)
     if not _are_parallel([*linkage.tree, *pins]) or not _are_parallel(coupled.axes):
         return None
-    pair = _matched(linkage, coupled, leaders[0])
+    pair = _match_sides(linkage, coupled, leaders[0])
     if pair is None:
         return None
     return pair.error()
@@ -176,16 +176,16 @@ def _are_parallel(axes: Sequence[Axis]) -> bool:
     """Return whether all hinges are parallel; which way along their lines is positive does not matter."""
     directions = np.array([axis.direction for axis in axes])
     sines = np.linalg.norm(np.cross(directions, directions[0]), axis=1)
-    return float(sines.max()) <= PARALLEL
+    return float(sines.max()) <= PARALLEL_ANGLE
 
 
 def _leaders(side: RobotSide) -> list[int]:
     """Return the joints that follow no other."""
-    followers = followed_of(side)
+    followers = followers_of(side)
     return sorted(set(range(len(side.axes))) - followers.keys())
 
 
-def _matched(linkage: RobotSide, coupled: RobotSide, leader: int) -> _MatchedSides | None:
+def _match_sides(linkage: RobotSide, coupled: RobotSide, leader: int) -> _MatchedSides | None:
     """Return the two sides with their hinges and links matched; None if the hinges are not at the same places."""
     X = base_motion(linkage, coupled)
     if X is None:
@@ -196,10 +196,10 @@ def _matched(linkage: RobotSide, coupled: RobotSide, leader: int) -> _MatchedSid
         return None
     # the hinges of the coupled side are known at zero: those of the linkage must be at the same state
     motion = LinkageMotion(linkage, driver)
-    x_zero = motion.at_zero()
+    x_zero = motion.values_at_zero()
     if x_zero is None:
         return None
-    points = _hinge_points(linkage, _motions_of(motion, x_zero), X)
+    points = _hinge_points(linkage, _motions_to_zero(motion, x_zero), X)
     partners: dict[int, int] = {}
     for k, axis in enumerate(coupled.axes):
         partner = nearest_hinge(axis, points, list(partners.values()))
@@ -212,15 +212,15 @@ def _matched(linkage: RobotSide, coupled: RobotSide, leader: int) -> _MatchedSid
     groups, held = links
     # again: now the joints that the coupled side holds are known
     motion = LinkageMotion(linkage, driver, held)
-    x_zero = motion.at_zero()
+    x_zero = motion.values_at_zero()
     if x_zero is None:
         return None
     return _MatchedSides(motion, coupled, leader, X, x_zero, partners, groups)
 
 
-def _motions_of(motion: LinkageMotion, x_zero: Array) -> Array:
+def _motions_to_zero(motion: LinkageMotion, x_zero: Array) -> Array:
     """Return the motions (groups, 4, 4) of the links of a linkage from its drawn state to the state zero."""
-    return motion.linkage.poses(motion.displacements(0.0, x_zero)[None])[0]
+    return motion.linkage.group_motions(motion.displacements(0.0, x_zero)[None])[0]
 
 
 def _hinge_points(linkage: RobotSide, motions: Array, X: Array) -> Array:
@@ -266,12 +266,12 @@ class _MatchedSides:
             ends_along_leader = (sign * driver.limits[0], sign * driver.limits[1])
             first, last = sorted(ends_along_leader)
             driver_limits = (first, last)
-        ends = _stroke(leader.limits, driver_limits)
+        ends = _common_stroke(leader.limits, driver_limits)
         if ends is None:
             return None
         low, high = ends
-        stroke = np.linspace(low, high, _STATES)
-        displacements = self.motion.along(sign * stroke, self.x_zero)
+        stroke = np.linspace(low, high, _STROKE_STATES)
+        displacements = self.motion.displacements_along(sign * stroke, self.x_zero)
         if displacements is None:
             return None
         held: list[str] = []
@@ -290,15 +290,15 @@ class _MatchedSides:
             moved_hinges=self._moved_hinges(),
             held=tuple(held),
             missing=tuple(missing),
-            base=self._base(),
-            tool=self._tool(),
+            base=self._base_motion(),
+            tool=self._tool_frames_gap(),
             limits=(driver_limits, leader.limits),
         )
 
     def _link_errors(self, displacements: Array, stroke: Array) -> tuple[LinkError, ...]:
         """Return the errors of all links but the base, for displacements (k, joints of the tree) along the stroke."""
         at_zero = self.motion.displacements(0.0, self.x_zero)
-        motions = self.motion.linkage.poses(np.vstack([at_zero, displacements]))
+        motions = self.motion.linkage.group_motions(np.vstack([at_zero, displacements]))
         # the linkage's motions since the state zero of the driver, in the base of the coupled side
         of_linkage = self.X @ motions[1:] @ spatial.inverse(motions[0]) @ spatial.inverse(self.X)
         of_coupled = self._coupled_motions(stroke)
@@ -344,30 +344,30 @@ class _MatchedSides:
         """Return the motions (k, groups, 4, 4) of the coupled side along its stroke."""
         q = np.zeros((len(stroke), len(self.coupled.axes)))
         q[:, self.leader] = stroke
-        for i, (ratios, offset) in followed_of(self.coupled).items():
+        for i, (ratios, offset) in followers_of(self.coupled).items():
             q[:, i] = q @ ratios + offset
         # `poses` takes displacements from the posture in which the side is drawn
         drawn = np.array([axis.drawn for axis in self.coupled.axes])
-        return self.coupled.poses(q - drawn)
+        return self.coupled.group_motions(q - drawn)
 
-    def _base(self) -> Array:
+    def _base_motion(self) -> Array:
         """Return `X` without what no hinge determines: a shift along them."""
         along = self.coupled.axes[self.leader].direction
         X = self.X.copy()
         X[:3, 3] -= along * (along @ X[:3, 3])
         return X
 
-    def _tool(self) -> Array | None:
+    def _tool_frames_gap(self) -> Array | None:
         """Return T_linkage_coupled (4, 4) of the tool frames at state zero, or None."""
         linkage = self.motion.linkage
         for side in (linkage, self.coupled):
-            if side.guessed_tool or side.tool not in side.frames:
+            if side.is_tool_guessed or side.tool not in side.frames:
                 return None
         own_group, T_own = linkage.frames[linkage.tool]
         group, T = self.coupled.frames[self.coupled.tool]
         if self.groups.get(group) != own_group:
             return None
-        T_linkage = self.X @ _motions_of(self.motion, self.x_zero)[own_group] @ T_own
+        T_linkage = self.X @ _motions_to_zero(self.motion, self.x_zero)[own_group] @ T_own
         if not np.array_equal(self.X, np.eye(4)):  # how far the bases are apart along the hinges is not known
             along = self.coupled.axes[self.leader].direction
             T_linkage[:3, 3] += along * (along @ (T[:3, 3] - T_linkage[:3, 3]))
@@ -375,18 +375,18 @@ class _MatchedSides:
 
     def _moved_hinges(self) -> tuple[tuple[str, float], ...]:
         """Return (name, distance in m) of the hinges whose places differ at state zero."""
-        points = _hinge_points(self.motion.linkage, _motions_of(self.motion, self.x_zero), self.X)
+        points = _hinge_points(self.motion.linkage, _motions_to_zero(self.motion, self.x_zero), self.X)
         moved_hinges = []
         for k, i in self.partners.items():
             axis = self.coupled.axes[k]
             offset = points[i] - axis.point
             distance = float(np.linalg.norm(offset - axis.direction * (offset @ axis.direction)))
-            if distance > _MOVED:
+            if distance > _SMALLEST_SHOWN_DISTANCE:
                 moved_hinges.append((axis.name, distance))
         return tuple(moved_hinges)
 
 
-def _stroke(first: tuple[float, float] | None, second: tuple[float, float] | None) -> tuple[float, float] | None:
+def _common_stroke(first: tuple[float, float] | None, second: tuple[float, float] | None) -> tuple[float, float] | None:
     """Return the common range in rad of two limits, half a turn where none is finite; None if there is none."""
     lows = []
     highs = []

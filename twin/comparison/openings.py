@@ -13,40 +13,40 @@ from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
-_TURN_X = 3
-_TURN_Z = 5
+_ROTATION_X = 3
+_ROTATION_Z = 5
 """Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
 
 
-def opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
+def joint_opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
     """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
-    shift, T_gap = _opening(joint, poses)
+    shift, T_gap = _locked_gap(joint, poses)
     angle = 0.0  # a ball lets turn about all axes
-    if _TURN_X not in joint.free_axes:
+    if _ROTATION_X not in joint.free_axes:
         angle = float(np.arctan2(np.linalg.norm(T_gap[:2, 2]), T_gap[2, 2]))  # of the two axes z
-        if _TURN_Z not in joint.free_axes:
+        if _ROTATION_Z not in joint.free_axes:
             angle = float(spatial.rotation_angle(T_gap[:3, :3]))
     return float(np.linalg.norm(shift)), angle
 
 
-def openings(mechanism: Mechanism, poses: Mapping[str, Array]) -> Array:
+def loop_openings(mechanism: Mechanism, poses: Mapping[str, Array]) -> Array:
     """Return (6 loops,) by how much each loop is open at the poses: a shift in m, and a turn or the tilt of its axes.
 
     `poses` are {body: T_base_body (4, 4)}.
     """
     rows = [np.zeros(0)]
     for joint in mechanism.loops:
-        shift, T_gap = _opening(joint, poses)
+        shift, T_gap = _locked_gap(joint, poses)
         tilt = np.zeros(3)
-        if _TURN_X not in joint.free_axes:
+        if _ROTATION_X not in joint.free_axes:
             tilt = T_gap[:3, 2] - np.array([0.0, 0.0, 1.0])
-            if _TURN_Z not in joint.free_axes:
+            if _ROTATION_Z not in joint.free_axes:
                 tilt = spatial.log_so3(T_gap[:3, :3])
         rows += [shift, tilt]
     return np.concatenate(rows)
 
 
-def with_welds(
+def with_weld_openings(
     mechanism: Mechanism, axes: Sequence[Axis], group_of: Mapping[str, int], poses: Mapping[str, Array]
 ) -> list[Axis]:
     """Return the axes, each with the gap of the joints without an axis that close its loop, if that gap is larger.
@@ -67,15 +67,15 @@ def with_welds(
         # where the base of a floating robot is says nothing about its kinematics
         if weld.name in moving_joints or weld.type == "free":
             continue
-        distance, angle = opened(weld, poses)
+        distance, angle = joint_opening(weld, poses)
         closed_by = _axis_closed_by(weld, mechanism, axes, group_of)
         if closed_by is None:
             continue
         axis = axes[closed_by]
-        own_distance, own_angle = axis.opened
+        own_distance, own_angle = axis.opening
         if distance > own_distance or angle > own_angle:
             larger_opening = (max(distance, own_distance), max(angle, own_angle))
-            axes[closed_by] = replace(axis, opened=larger_opening, opened_at=weld.name)
+            axes[closed_by] = replace(axis, opening=larger_opening, open_weld=weld.name)
     return axes
 
 
@@ -96,7 +96,7 @@ def _axis_closed_by(weld: Joint, mechanism: Mechanism, axes: Sequence[Axis], gro
         if index is not None:
             carrying.append(index)
     for index in carrying:
-        if axes[index].closing:
+        if axes[index].closes_loop:
             return index
     if carrying:
         return carrying[0]
@@ -106,7 +106,7 @@ def _axis_closed_by(weld: Joint, mechanism: Mechanism, axes: Sequence[Axis], gro
     return None
 
 
-def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
+def _locked_gap(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return (shift (3,) in m, pose (4, 4)) of a joint's frame on the child in that on the parent.
 
     The shift is that in the directions in which the joint does not let move.
@@ -115,6 +115,6 @@ def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
     T_gap = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
     shift = T_gap[:3, 3].copy()
     for k in joint.free_axes:
-        if k < _TURN_X:
+        if k < _ROTATION_X:
             shift[k] = 0.0
     return shift, T_gap

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin.comparison.compared_items import ComparedItem, frame_item, motion_text
 from twin.comparison.fit_problem import ANGLE_PER_LENGTH
-from twin.comparison.items import ComparedItem, moved_frame, placed_by
 from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.line_pair import compare_lines
 from twin.comparison.loop_gaps import open_loops
-from twin.comparison.poses import PoseFit, compare_rows
+from twin.comparison.pose_comparison import PoseFit, compare_rows
 from twin.comparison.side import RobotSide
 from twin.comparison.side_pair import Kinematics, SidePair
 from twin.comparison.tool_path import joints_beside_tool
@@ -37,13 +37,13 @@ def compare_pair(first: RobotSide, second: RobotSide, tolerance: float) -> SideP
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         limit = f"give a number above 0 and up to {LARGEST_TOLERANCE:g} m"
         raise TwinError(f"tolerance {tolerance:g} m: {limit}: with more, all robots agree")
-    rows = _side_of_poses(first, second)
+    rows = _side_with_rows(first, second)
     if rows is not None:
         return _compare_poses(first, second, rows, tolerance)
     return compare_lines(first, second, tolerance)
 
 
-def _side_of_poses(first: RobotSide, second: RobotSide) -> RobotSide | None:
+def _side_with_rows(first: RobotSide, second: RobotSide) -> RobotSide | None:
     """Return the side whose rows of poses are compared with the other side; None if joint lines are compared.
 
     A table has only rows. Equations also have joint lines if they are those of a chain, but a robot with loops, or with
@@ -52,7 +52,7 @@ def _side_of_poses(first: RobotSide, second: RobotSide) -> RobotSide | None:
     sampled: list[RobotSide] = []
     tables: list[RobotSide] = []
     for side in (first, second):
-        if side.sampled is None:
+        if side.sample_poses is None:
             continue
         sampled.append(side)
         if not side.axes:
@@ -66,7 +66,7 @@ def _side_of_poses(first: RobotSide, second: RobotSide) -> RobotSide | None:
         return tables[0]
     chain = sampled[0]
     other_side = second if chain is first else first
-    if other_side.looped or len(other_side.axes) != len(chain.axes):
+    if other_side.has_loops or len(other_side.axes) != len(chain.axes):
         return chain
     return None
 
@@ -77,9 +77,9 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
     A loop of the robot that is open at the drawn state is a difference, whatever the poses say: the tool may not depend
     on it. `tolerance` is the distance in m up to which poses, and places of joints, coincide.
     """
-    assert table.sampled is not None
+    assert table.sample_poses is not None
     robot = second if table is first else first
-    rows = table.sampled()
+    rows = table.sample_poses()
     compared = compare_rows(rows, table.label, robot, tolerance)
     fit = compared.fit
     # both sides stand at the joint values of one row
@@ -89,15 +89,17 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
         conventions: tuple[ComparedItem, ...] = ()
         # equations state their frames; those of a measuring device are always others
         if fit.agrees and rows.computed:
-            conventions = _moved_frames(table, robot, rows.T, fit, tolerance)
-        opened = open_loops(robot, tolerance)
+            conventions = _frame_conventions(table, robot, rows.T, fit, tolerance)
+        open_loop_items = open_loops(robot, tolerance)
         kinematics: Kinematics = "agree"
-        if opened or not fit.agrees:
+        if open_loop_items or not fit.agrees:
             kinematics = "disagree"
         elif conventions:
             kinematics = "agree after conventions"
-        told = (*opened, *conventions)
-        return SidePair(first, second, kinematics, told, (), None, largest, None, None, fit, uncompared=beside_tool)
+        items_of_pair = (*open_loop_items, *conventions)
+        return SidePair(
+            first, second, kinematics, items_of_pair, (), None, largest, None, None, fit, uncompared=beside_tool
+        )
     if table is first:
         pair = compare_lines(compared.identified, robot, compared.tolerance)
     else:
@@ -108,7 +110,7 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
     return replace(pair, first=first, second=second, worst=largest, properties=None, poses=fit, uncompared=beside_tool)
 
 
-def _moved_frames(
+def _frame_conventions(
     table: RobotSide, robot: RobotSide, T_rows: Array, fit: PoseFit, tolerance: float
 ) -> tuple[ComparedItem, ...]:
     """Return the conventions of base and tool frame that a fit needs: one of the two where one is enough.
@@ -134,11 +136,11 @@ def _frame_items(table: RobotSide, robot: RobotSide, X: Array, Y: Array, toleran
     """Return an item for each of the motions (4, 4) of base and tool frame that moves it."""
     items = []
     if _is_moved(X, tolerance):
-        text = f"the base frame of {robot.label} is moved by {placed_by(X)} in that of {table.label}"
-        items.append(moved_frame("base frame", text, X))
+        text = f"the base frame of {robot.label} is moved by {motion_text(X)} in that of {table.label}"
+        items.append(frame_item("base frame", text, X))
     if _is_moved(Y, tolerance):
-        text = f"the tool frame of {table.label} is moved by {placed_by(Y)} in that of {robot.label}"
-        items.append(moved_frame("tool frame", text, Y))
+        text = f"the tool frame of {table.label} is moved by {motion_text(Y)} in that of {robot.label}"
+        items.append(frame_item("tool frame", text, Y))
     return tuple(items)
 
 

@@ -8,13 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.comparison.compared_items import NumberEdit
 from twin.comparison.convention_sizes import zero_of
-from twin.comparison.coupled_motion import RATIO, CoupledFollower, constraints, followed
-from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
+from twin.comparison.coupled_motion import (
+    RATIO_TOLERANCE,
+    CoupledFollower,
+    coupling_constraints,
+    followers_by_elimination,
+)
+from twin.comparison.evidence import CENTRE_TOLERANCE, LIMIT_TOLERANCE, RELATIVE_TOLERANCE
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.items import NumberEdit
 from twin.comparison.line_gaps import FitSolution
-from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
+from twin.comparison.side import ONE_COORDINATE_KINDS, UNLIMITED, Axis, RobotSide
 from twin.comparison.unknowns import values_of
 from twin.core import format
 from twin.core.json_types import JsonObject
@@ -22,16 +27,16 @@ from twin.core.quantity import moved
 from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 
-KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
+PROPERTY_KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
 """Kinds of properties in the order of reports."""
 
-OF_BODIES = ("masses", "centres of mass", "inertias")
+BODY_KINDS = ("masses", "centres of mass", "inertias")
 """Kinds of properties of the bodies on a joint; the others are of the joint."""
 
-_DIGITS = (4, 6, 9)
+_SIGNIFICANT_DIGITS = (4, 6, 9)
 """Numbers of significant digits with which two texts are tried until they differ."""
 
-_WITHOUT_EFFECT = 1e-9
+_SMALLEST_RATIO = 1e-9
 """Ratio of a coupling below which a joint does not move the follower."""
 
 
@@ -40,7 +45,7 @@ class PropertyRow:
     """One compared value that differs, or that only one side states.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `PROPERTY_KINDS`.
         where: name of the joint or link in the second side.
         first, second: the values as text, "-" if a side does not state it.
         stated: whether both sides state it, so that they disagree.
@@ -88,7 +93,7 @@ class Properties:
         return "not stated"
 
 
-def compare(problem: FitProblem, solution: FitSolution) -> Properties:
+def compare_properties(problem: FitProblem, solution: FitSolution) -> Properties:
     """Compare the properties of two sides after the conventions of a solution."""
     return _PropertyComparison(problem, solution).result()
 
@@ -100,28 +105,28 @@ class _PropertyComparison:
         self.problem = problem
         self.solution = solution
         self.rows: list[PropertyRow] = []
-        self.compared: dict[str, int] = dict.fromkeys(KINDS, 0)
+        self.compared: dict[str, int] = dict.fromkeys(PROPERTY_KINDS, 0)
 
     def result(self) -> Properties:
         """Return the comparison of all kinds."""
         for i, axis in enumerate(self.problem.axes):
-            if axis.kind in ONE_COORDINATE:
-                self._limits(i)
-                self._drive(i)
+            if axis.kind in ONE_COORDINATE_KINDS:
+                self._compare_limits(i)
+                self._compare_drive(i)
             else:
-                self._parts(i)
-        self._bodies()
-        self._couplings()
+                self._add_parts(i)
+        self._compare_bodies()
+        self._compare_couplings()
         return Properties(tuple(self.rows), self.compared)
 
-    def _limits(self, joint: int) -> None:
+    def _compare_limits(self, joint: int) -> None:
         """Compare the limits of a joint with one coordinate, those of the first side as values of the second."""
         axis = self.problem.second.axes[joint]
         mapped = mapped_limits(self.problem, self.solution, joint)
-        texts = _told_apart(
+        texts = distinct_texts(
             lambda digits: (
-                _interval(mapped, axis.is_angle, digits),
-                _interval(axis.limits, axis.is_angle, digits),
+                interval_text(mapped, axis.is_angle, digits),
+                interval_text(axis.limits, axis.is_angle, digits),
             )
         )
         if mapped is None or axis.limits is None:
@@ -136,7 +141,7 @@ class _PropertyComparison:
         bounded = np.array_equal(np.isfinite(mapped), np.isfinite(axis.limits))
         self.rows.append(PropertyRow("limits", axis.name, *texts, True, joint if bounded else -1))
 
-    def _drive(self, joint: int) -> None:
+    def _compare_drive(self, joint: int) -> None:
         """Compare the maximum speed and effort of a joint with one coordinate."""
         first = self.problem.axes[joint]
         second = self.problem.second.axes[joint]
@@ -144,20 +149,20 @@ class _PropertyComparison:
         effort_of_second = self.problem.second.efforts.get(second.name)
 
         def speed(value: float) -> str:
-            return _speed(value, second)
+            return speed_text(value, second)
 
         def effort(value: float) -> str:
-            return _effort(value, second)
+            return effort_text(value, second)
 
-        self._number("speeds", joint, second.name, first.max_speed, second.max_speed, speed)
-        self._number("efforts", joint, second.name, effort_of_first, effort_of_second, effort)
+        self._compare_number("speeds", joint, second.name, first.max_speed, second.max_speed, speed)
+        self._compare_number("efforts", joint, second.name, effort_of_first, effort_of_second, effort)
 
-    def _parts(self, joint: int) -> None:
+    def _add_parts(self, joint: int) -> None:
         """Add what joints state of which one side has several: the other side has no partner to compare it with."""
         first = self.problem.axes[joint]
         second = self.problem.second.axes[joint]
-        of_first = _part_texts(first, self.problem.first)
-        of_second = _part_texts(second, self.problem.second)
+        of_first = part_texts(first, self.problem.first)
+        of_second = part_texts(second, self.problem.second)
         is_free_ball = _is_free_ball(first) or _is_free_ball(second)
         for kind in ("limits", "speeds", "efforts"):
             if of_first[kind] == of_second[kind]:
@@ -169,7 +174,7 @@ class _PropertyComparison:
             text_of_second = ", ".join(of_second[kind]) or text_of_none
             self.rows.append(PropertyRow(kind, second.name, text_of_first, text_of_second, stated))
 
-    def _number(
+    def _compare_number(
         self,
         kind: str,
         index: int,
@@ -187,39 +192,41 @@ class _PropertyComparison:
             self.rows.append(PropertyRow(kind, where, text_of_first, text_of_second, False))
             return
         self.compared[kind] += 1
-        if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
+        if abs(first - second) > RELATIVE_TOLERANCE * max(abs(first), abs(second)):
             self.rows.append(PropertyRow(kind, where, text_of_first, text_of_second, True, index))
 
-    def _bodies(self) -> None:
+    def _compare_bodies(self) -> None:
         """Compare mass, centre and tensor of the bodies on each joint, the first side moved by the conventions."""
-        motions = _body_motions(self.problem, self.solution)
-        for group, partner in _partners(self.problem).items():
+        motions = body_motions(self.problem, self.solution)
+        for group, partner in partner_groups(self.problem).items():
             first = self.problem.first.groups[group].inertia
             second = self.problem.second.groups[partner].inertia
             where = self.problem.second.groups[partner].bodies[-1]
             mass_of_first = None if first is None else first.mass
             mass_of_second = None if second is None else second.mass
-            self._number("masses", group, where, mass_of_first, mass_of_second, _mass)
+            self._compare_number("masses", group, where, mass_of_first, mass_of_second, mass_text)
             if first is not None and second is not None:
-                self._inertia(group, where, first.seen_from(motions[group]), second)
+                self._compare_inertia(group, where, first.seen_from(motions[group]), second)
 
-    def _inertia(self, group: int, where: str, first: Inertia, second: Inertia) -> None:
+    def _compare_inertia(self, group: int, where: str, first: Inertia, second: Inertia) -> None:
         """Compare centre of mass and inertia tensor of the bodies of a group, both in the base of the second side."""
         self.compared["centres of mass"] += 1
-        if np.linalg.norm(first.p_body_com - second.p_body_com) > CENTRE:
-            texts = (_point(first.p_body_com), _point(second.p_body_com))
+        if np.linalg.norm(first.p_body_com - second.p_body_com) > CENTRE_TOLERANCE:
+            texts = (point_text(first.p_body_com), point_text(second.p_body_com))
             self.rows.append(PropertyRow("centres of mass", where, *texts, True, group))
         self.compared["inertias"] += 1
         size = max(float(np.linalg.norm(first.I_com)), float(np.linalg.norm(second.I_com)))
-        if np.linalg.norm(first.I_com - second.I_com) > RELATIVE * size:
-            texts = (_moments(first.I_com), _moments(second.I_com))
+        if np.linalg.norm(first.I_com - second.I_com) > RELATIVE_TOLERANCE * size:
+            texts = (moments_text(first.I_com), moments_text(second.I_com))
             if texts[0] == texts[1]:  # the same moments about other axes
-                texts = _told_apart(lambda digits: (_tensor(first.I_com, digits), _tensor(second.I_com, digits)))
+                texts = distinct_texts(
+                    lambda digits: (tensor_text(first.I_com, digits), tensor_text(second.I_com, digits))
+                )
             self.rows.append(PropertyRow("inertias", where, *texts, True, group))
 
-    def _couplings(self) -> None:
+    def _compare_couplings(self) -> None:
         """Compare the motions that the couplings allow, whichever joint of a coupling each side calls the leader."""
-        coupled = _coupled(self.problem, self.solution)
+        coupled = coupled_sides(self.problem, self.solution)
         for i in coupled.order:
             first = coupled.first.get(i)
             second = coupled.second.get(i)
@@ -228,10 +235,10 @@ class _PropertyComparison:
             self.compared["couplings"] += 1
             if first is not None and second is not None and _is_same_motion(first, second):
                 continue
-            texts = _told_apart(
+            texts = distinct_texts(
                 lambda digits, i=i, first=first, second=second: (
-                    _coupling(self.problem, i, first, digits),
-                    _coupling(self.problem, i, second, digits),
+                    coupling_text(self.problem, i, first, digits),
+                    coupling_text(self.problem, i, second, digits),
                 )
             )
             self.rows.append(PropertyRow("couplings", self.problem.second.axes[i].name, *texts, True, i))
@@ -240,12 +247,12 @@ class _PropertyComparison:
 # -- differences as numbers ---------------------------------------------------------------------------
 
 
-def difference(problem: FitProblem, solution: FitSolution, kind: str, index: int) -> Array:
+def property_difference(problem: FitProblem, solution: FitSolution, kind: str, index: int) -> Array:
     """Return what differs in a row of some kind, as numbers in SI units; `index` as in `PropertyRow`.
 
     (0,) if a side does not state the value.
     """
-    if kind in OF_BODIES:
+    if kind in BODY_KINDS:
         return _difference_of_bodies(problem, solution, kind, index)
     if kind == "couplings":
         return _difference_of_couplings(problem, solution, index)
@@ -281,12 +288,12 @@ def _difference_of_limits(problem: FitProblem, solution: FitSolution, joint: int
 def _difference_of_bodies(problem: FitProblem, solution: FitSolution, kind: str, group: int) -> Array:
     """Return the difference of mass (1,) in kg, centre (3,) in m or tensor (9,) in kg m2 of a group of bodies."""
     # an edit may have left no joint that carries the group
-    partner = _partners(problem).get(group, 0)
+    partner = partner_groups(problem).get(group, 0)
     first = problem.first.groups[group].inertia
     second = problem.second.groups[partner].inertia
     if first is None or second is None:
         return np.zeros(0)
-    first_moved = first.seen_from(_body_motions(problem, solution)[group])
+    first_moved = first.seen_from(body_motions(problem, solution)[group])
     if kind == "masses":
         return np.array([first_moved.mass - second.mass])
     if kind == "centres of mass":
@@ -296,7 +303,7 @@ def _difference_of_bodies(problem: FitProblem, solution: FitSolution, kind: str,
 
 def _difference_of_couplings(problem: FitProblem, solution: FitSolution, joint: int) -> Array:
     """Return the differences (joints + 1,) of the ratios with which a joint follows, then of its offset."""
-    coupled = _coupled(problem, solution)
+    coupled = coupled_sides(problem, solution)
     first = coupled.first.get(joint)
     second = coupled.second.get(joint)
     if first is None or second is None:
@@ -318,23 +325,23 @@ def mapped_limits(problem: FitProblem, solution: FitSolution, joint: int) -> tup
     return low, high
 
 
-def _partners(problem: FitProblem) -> dict[int, int]:
+def partner_groups(problem: FitProblem) -> dict[int, int]:
     """Return {group of the first side: group of the second side}."""
     partners = {0: 0}
     for i, axis in enumerate(problem.axes):
-        if not axis.closing:
+        if not axis.closes_loop:
             partners[axis.child] = problem.second.axes[i].child
     return partners
 
 
-def _body_motions(problem: FitProblem, solution: FitSolution) -> Array:
+def body_motions(problem: FitProblem, solution: FitSolution) -> Array:
     """Return the motions (groups, 4, 4) of the bodies of the first side onto those of the second."""
     unknowns = solution.unknowns
     _, _, motions = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
     return motions[0]
 
 
-class _CoupledSides(NamedTuple):
+class CoupledSides(NamedTuple):
     """What follows in each side, as values of the second side, and the order in which joints are made followers."""
 
     first: dict[int, CoupledFollower]
@@ -342,21 +349,21 @@ class _CoupledSides(NamedTuple):
     order: list[int]
 
 
-def _coupled(problem: FitProblem, solution: FitSolution) -> _CoupledSides:
+def coupled_sides(problem: FitProblem, solution: FitSolution) -> CoupledSides:
     """Return the followers of both sides, so that the same joints follow in both where the couplings allow it."""
     unknowns = solution.unknowns
     zeros = np.zeros(problem.count)
     for joint in range(problem.count):
         zeros[joint] = zero_of(problem, unknowns, joint)
-    ratios, totals = constraints(problem.first, problem.axes)
+    ratios, totals = coupling_constraints(problem.first, problem.axes)
     # q_first = sign * q_second + zero
     ratios_of_first = ratios * unknowns.signs
     totals_of_first = totals - ratios @ zeros
-    ratios_of_second, totals_of_second = constraints(problem.second, problem.second.axes)
+    ratios_of_second, totals_of_second = coupling_constraints(problem.second, problem.second.axes)
     order = _follower_order(problem)
-    first = followed(ratios_of_first, totals_of_first, order)
-    second = followed(ratios_of_second, totals_of_second, order)
-    return _CoupledSides(first, second, order)
+    first = followers_by_elimination(ratios_of_first, totals_of_first, order)
+    second = followers_by_elimination(ratios_of_second, totals_of_second, order)
+    return CoupledSides(first, second, order)
 
 
 def _followers(side: RobotSide) -> set[str]:
@@ -383,74 +390,76 @@ def _follower_order(problem: FitProblem) -> list[int]:
 
 def is_same_limit(first: float, second: float) -> bool:
     """Return whether two ends of ranges in m or rad are equal; both may be infinite."""
-    return first == second or abs(first - second) <= LIMIT
+    return first == second or abs(first - second) <= LIMIT_TOLERANCE
 
 
 def _is_same_motion(first: CoupledFollower, second: CoupledFollower) -> bool:
     """Return whether a joint follows the same joints in the same way."""
-    limits = RATIO * np.maximum(np.abs(first.ratios), np.abs(second.ratios)) + _WITHOUT_EFFECT
+    limits = RATIO_TOLERANCE * np.maximum(np.abs(first.ratios), np.abs(second.ratios)) + _SMALLEST_RATIO
     has_same_ratios = bool(np.all(np.abs(first.ratios - second.ratios) <= limits))
-    return has_same_ratios and abs(first.offset - second.offset) <= LIMIT
+    return has_same_ratios and abs(first.offset - second.offset) <= LIMIT_TOLERANCE
 
 
 # -- texts --------------------------------------------------------------------------------------------
 
 
-def _told_apart(texts_with: Callable[[int], tuple[str, str]]) -> tuple[str, str]:
+def distinct_texts(texts_with: Callable[[int], tuple[str, str]]) -> tuple[str, str]:
     """Return the texts of two values with as few significant digits as make them differ: four, or more."""
-    texts = texts_with(_DIGITS[0])
-    for digits in _DIGITS:
+    texts = texts_with(_SIGNIFICANT_DIGITS[0])
+    for digits in _SIGNIFICANT_DIGITS:
         texts = texts_with(digits)
         if texts[0] != texts[1]:
             break
     return texts
 
 
-def _position(value: float, is_angle: bool, digits: int) -> str:
+def position_text(value: float, is_angle: bool, digits: int) -> str:
     """Return a value in m or rad as text in mm or degrees."""
     size = moved(value, is_angle)
-    if digits == _DIGITS[0]:
+    if digits == _SIGNIFICANT_DIGITS[0]:
         return str(size)
     return format.shown(size.value, size.unit, digits)
 
 
-def _interval(limits: tuple[float, float] | None, is_angle: bool, digits: int = _DIGITS[0]) -> str:
+def interval_text(limits: tuple[float, float] | None, is_angle: bool, digits: int = _SIGNIFICANT_DIGITS[0]) -> str:
     """Return a range in m or rad as text in mm or degrees; "-" if a side states none."""
     if limits is None:
         return "-"
     if limits == UNLIMITED:
         return "no limits"
-    return f"{_position(limits[0], is_angle, digits)} .. {_position(limits[1], is_angle, digits)}"
+    return f"{position_text(limits[0], is_angle, digits)} .. {position_text(limits[1], is_angle, digits)}"
 
 
-def _part_texts(axis: Axis, side: RobotSide) -> dict[str, list[str]]:
+def part_texts(axis: Axis, side: RobotSide) -> dict[str, list[str]]:
     """Return {kind: texts} of the limits, speeds and efforts of the joints that a side writes instead of one."""
     texts: dict[str, list[str]] = {"limits": [], "speeds": [], "efforts": []}
-    for part in axis.joined:
+    for part in axis.merged_axes:
         if part.limits is not None and part.limits != UNLIMITED:
-            texts["limits"].append(f"{part.name} {_interval(part.limits, part.is_angle)}")
+            texts["limits"].append(f"{part.name} {interval_text(part.limits, part.is_angle)}")
         if part.max_speed is not None:
-            texts["speeds"].append(f"{part.name} {_speed(part.max_speed, part)}")
+            texts["speeds"].append(f"{part.name} {speed_text(part.max_speed, part)}")
         if part.name in side.efforts:
-            texts["efforts"].append(f"{part.name} {_effort(side.efforts[part.name], part)}")
+            texts["efforts"].append(f"{part.name} {effort_text(side.efforts[part.name], part)}")
     return texts
 
 
-def _speed(value: float, axis: Axis) -> str:
+def speed_text(value: float, axis: Axis) -> str:
+    """Return a speed in m/s or rad/s as text."""
     return f"{moved(value, axis.is_angle)}/s"
 
 
-def _effort(value: float, axis: Axis) -> str:
+def effort_text(value: float, axis: Axis) -> str:
     """Return a torque in N m, or a force in N, as text."""
     unit = "N m" if axis.is_angle else "N"
     return f"{value:g} {unit}"
 
 
-def _mass(value: float) -> str:
+def mass_text(value: float) -> str:
+    """Return a mass in kg as text."""
     return f"{value:g} kg"
 
 
-def _point(p: Array) -> str:
+def point_text(p: Array) -> str:
     """Return a point (3,) in m as text in mm."""
     x, y, z = np.round(1e3 * p, 3) + 0.0
     return f"({x:g}, {y:g}, {z:g}) mm"
@@ -458,17 +467,17 @@ def _point(p: Array) -> str:
 
 def _is_free_ball(axis: Axis) -> bool:
     """Return whether a joint that its file writes as one joint is stated to have no limits."""
-    return not axis.joined and axis.limits == UNLIMITED
+    return not axis.merged_axes and axis.limits == UNLIMITED
 
 
-def _moments(tensor: Array) -> str:
+def moments_text(tensor: Array) -> str:
     """Return the principal moments of an inertia tensor (3, 3) in kg m2 as text, smallest first."""
     # principal moments: a tensor in other axes shows the same three numbers
     values = map("{:.4g}".format, np.linalg.eigvalsh(tensor))
     return f"moments {', '.join(values)} kg m2"
 
 
-def _tensor(tensor: Array, digits: int) -> str:
+def tensor_text(tensor: Array, digits: int) -> str:
     """Return the entries of an inertia tensor as text, in the base of the second side."""
     entries = []
     for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
@@ -476,18 +485,18 @@ def _tensor(tensor: Array, digits: int) -> str:
     return f"{', '.join(entries)} kg m2 in the base"
 
 
-def _coupling(problem: FitProblem, joint: int, follower: CoupledFollower | None, digits: int) -> str:
+def coupling_text(problem: FitProblem, joint: int, follower: CoupledFollower | None, digits: int) -> str:
     """Return how joint i follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"
     parts = []
     is_angle = problem.second.axes[joint].is_angle
-    for k in np.flatnonzero(np.abs(follower.ratios) > _WITHOUT_EFFECT):
+    for k in np.flatnonzero(np.abs(follower.ratios) > _SMALLEST_RATIO):
         leader = problem.second.axes[k]
         unit = ""
         if leader.is_angle != is_angle:
             unit = " rad/m" if is_angle else " m/rad"
         parts.append(f"{follower.ratios[k]:g}{unit} × {leader.name}")
-    if abs(follower.offset) > LIMIT or not parts:
-        parts.append(_position(follower.offset, is_angle, digits))
+    if abs(follower.offset) > LIMIT_TOLERANCE or not parts:
+        parts.append(position_text(follower.offset, is_angle, digits))
     return " + ".join(parts)

@@ -6,25 +6,25 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from twin.comparison import rereading
-from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
+from twin.comparison.compared_items import NumberEdit
+from twin.comparison.evidence import CENTRE_TOLERANCE, LIMIT_TOLERANCE, RELATIVE_TOLERANCE
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import gaps
-from twin.comparison.items import NumberEdit
+from twin.comparison.frame_gaps import frame_gaps
 from twin.comparison.line_gaps import FitSolution, line_gap
 from twin.comparison.matching import Matching
-from twin.comparison.paths import short
-from twin.comparison.properties import OF_BODIES, Properties, PropertyRow, compare, difference
+from twin.comparison.paths import relative_path
+from twin.comparison.properties import BODY_KINDS, Properties, PropertyRow, compare_properties, property_difference
 from twin.comparison.rereading import EditedSide, EditGoal
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import RobotSide, plain_name
 from twin.core.spatial import Array
 
-_MOST = 12
+_MAX_SEARCHED_ROWS = 12
 """Maximum number of rows for which edits are searched: robots that differ in more are not one edit apart."""
 
-_ALTERNATIVES = 2
+_MAX_ALTERNATIVES = 2
 """Maximum number of edits of one side that are told for a row."""
 
-_SMALLEST_SCALE = 1e-9
+_SMALLEST_DIFFERENCE = 1e-9
 """Smallest difference in SI units whose part is an inaccuracy."""
 
 
@@ -40,7 +40,7 @@ def with_property_edits(
     rows = []
     searched = 0
     for row in properties.rows:
-        if row.stated and row.index >= 0 and searched < _MOST:
+        if row.stated and row.index >= 0 and searched < _MAX_SEARCHED_ROWS:
             searched += 1  # in the order of the rows: masses come before the centres that they move
             row = search.with_edits(row)
         rows.append(row)
@@ -51,7 +51,7 @@ _RowKey = tuple[str, int]
 """Kind and index of a row."""
 
 
-def _disagreeing(properties: Properties) -> set[_RowKey]:
+def _disagreeing_rows(properties: Properties) -> set[_RowKey]:
     """Return the rows in which the sides disagree."""
     keys = set()
     for row in properties.rows:
@@ -67,7 +67,7 @@ class _PropertyEdits:
         self._problem = problem
         self._matching = matching
         self._solution = solution
-        self._disagreeing = _disagreeing(properties)
+        self._disagreeing = _disagreeing_rows(properties)
         self._removed_by: dict[_RowKey, list[NumberEdit]] = {}  # edits of rows before that remove a row
 
     def with_edits(self, row: PropertyRow) -> PropertyRow:
@@ -84,22 +84,22 @@ class _PropertyEdits:
             if edits_of_side:
                 edits += edits_of_side
                 continue
-            goal = self._goal(row, edited)
-            names = _names(self._problem, row, edited)
-            alternatives = rereading.edited_sides(side, names, row.kind, goal, short)[:_ALTERNATIVES]
+            goal = self._row_goal(row, edited)
+            names = _names_of_row(self._problem, row, edited)
+            alternatives = rereading.edited_sides(side, names, row.kind, goal, relative_path)[:_MAX_ALTERNATIVES]
             for alternative in alternatives:
                 edits.append(alternative.edit)
                 self._note_removed_rows(row, alternative, edited)
             if not alternatives and not self._has_welded_wrong_mass(side, row, names):
-                several = rereading.edits_together(side, names, row.kind, goal, short)
+                several = rereading.edits_together(side, names, row.kind, goal, relative_path)
                 edits += several
                 together = together or bool(several)
         return replace(row, edits=tuple(edits), together=together)
 
     def _note_removed_rows(self, row: PropertyRow, alternative: EditedSide, edited: int) -> None:
         """Keep the edit for each other row that it makes agree."""
-        after = compare(self._paired(alternative.side, edited), self._solution)
-        removed = self._disagreeing - _disagreeing(after) - {(row.kind, row.index)}
+        after = compare_properties(self._problem_with(alternative.side, edited), self._solution)
+        removed = self._disagreeing - _disagreeing_rows(after) - {(row.kind, row.index)}
         for removed_row in removed:
             self._removed_by.setdefault(removed_row, []).append(alternative.edit)
 
@@ -111,23 +111,23 @@ class _PropertyEdits:
             return len(names) > 1
         with_mass = 0
         for body in side.mechanism.bodies:
-            if body.inertia is not None and plain(body.name) in names:
+            if body.inertia is not None and plain_name(body.name) in names:
                 with_mass += 1
         return with_mass > 1
 
-    def _paired(self, side: RobotSide, edited: int) -> FitProblem:
+    def _problem_with(self, side: RobotSide, edited: int) -> FitProblem:
         """Return the pair with another side instead of the edited one, 0 for the first."""
         sides = [self._problem.first, self._problem.second]
         sides[edited] = side
         return FitProblem(sides[0], sides[1], self._matching, self._problem.tolerance)
 
-    def _goal(self, row: PropertyRow, edited: int) -> EditGoal:
+    def _row_goal(self, row: PropertyRow, edited: int) -> EditGoal:
         """Return what an edit must achieve: this row agrees, and no other row than before disagrees."""
         solution = self._solution
         unedited = (self._problem.first, self._problem.second)[edited]
 
         def residual(side: RobotSide) -> Array:
-            return difference(self._paired(side, edited), solution, row.kind, row.index)
+            return property_difference(self._problem_with(side, edited), solution, row.kind, row.index)
 
         def agrees(side: RobotSide) -> bool:
             if len(side.axes) != len(unedited.axes):
@@ -135,24 +135,24 @@ class _PropertyEdits:
             # the reader leaves out what no body can have: its other bodies would then agree by chance
             if not set(side.notes) <= set(unedited.notes):
                 return False
-            pair = self._paired(side, edited)
+            pair = self._problem_with(side, edited)
             # the lines are as they were: also those that differ, beside this row
-            before = line_gap(self._paired(unedited, edited), solution.unknowns)
+            before = line_gap(self._problem_with(unedited, edited), solution.unknowns)
             after = line_gap(pair, solution.unknowns)
             if after.distances.max() > before.distances.max() + pair.tolerance:
                 return False
             if after.angles.max() > before.angles.max() + pair.angle_tolerance:
                 return False
-            remaining = _disagreeing(compare(pair, solution))
+            remaining = _disagreeing_rows(compare_properties(pair, solution))
             return (row.kind, row.index) not in remaining and remaining <= self._disagreeing
 
         def moved(side: RobotSide) -> int:
             # an edit that makes other rows and frames agree as well is likelier
-            pair = self._paired(side, edited)
+            pair = self._problem_with(side, edited)
             count = 0
-            for gap in gaps(pair, solution.unknowns):
+            for gap in frame_gaps(pair, solution.unknowns):
                 count += gap.differs(pair)
-            for other_row in compare(pair, solution).rows:
+            for other_row in compare_properties(pair, solution).rows:
                 count += other_row.stated
             return count
 
@@ -162,24 +162,24 @@ class _PropertyEdits:
 def _inaccuracy(kind: str, start: Array) -> float:
     """Return the size of a difference that is only inaccuracy, for a row that differs by `start`."""
     if kind == "limits":
-        return LIMIT
+        return LIMIT_TOLERANCE
     if kind == "centres of mass":
-        return CENTRE
+        return CENTRE_TOLERANCE
     if not start.size:
-        return RELATIVE
-    return RELATIVE * max(float(abs(start).max()), _SMALLEST_SCALE)
+        return RELATIVE_TOLERANCE
+    return RELATIVE_TOLERANCE * max(float(abs(start).max()), _SMALLEST_DIFFERENCE)
 
 
-def _names(problem: FitProblem, row: PropertyRow, edited: int) -> set[str]:
+def _names_of_row(problem: FitProblem, row: PropertyRow, edited: int) -> set[str]:
     """Return the plain names of the joint or the bodies of a row in one side."""
     side = (problem.first, problem.second)[edited]
     axes = (problem.axes, problem.second.axes)[edited]
-    if row.kind not in OF_BODIES:
-        return {plain(axes[row.index].name)}
+    if row.kind not in BODY_KINDS:
+        return {plain_name(axes[row.index].name)}
     group = row.index  # of the first side, whichever side is edited
     if edited == 1:
         group = 0
         for i, axis in enumerate(problem.axes):
-            if axis.child == row.index and not axis.closing:
+            if axis.child == row.index and not axis.closes_loop:
                 group = axes[i].child
-    return set(map(plain, side.groups[group].bodies))
+    return set(map(plain_name, side.groups[group].bodies))

@@ -13,13 +13,13 @@ from twin.comparison.matching import pairs_by_links, pairs_by_name
 from twin.comparison.side import Axis, RobotSide
 
 
-def recut(side: RobotSide, other_side: RobotSide) -> RobotSide:
+def with_tree_of(side: RobotSide, other_side: RobotSide) -> RobotSide:
     """Return the side with the tree of the other side, if both have loops and the same joints between the same links.
 
     The joints are matched by their names, see `matching.pairs_by_name`, or by their links, see
     `matching.pairs_by_links`. Without such a match the side is returned as it is.
     """
-    if not (side.looped and other_side.looped) or len(side.axes) != len(other_side.axes):
+    if not (side.has_loops and other_side.has_loops) or len(side.axes) != len(other_side.axes):
         return side
     possible_pairs = list(pairs_by_name(side, other_side))
     by_links = pairs_by_links(side, other_side)
@@ -45,5 +45,5 @@ def _with_tree(partners: Sequence[Axis], other_side: RobotSide) -> list[Axis] | 
             axis = replace(axis, parent=axis.child, child=axis.parent, direction=-axis.direction)
         if axis.parent != start or partner_of.setdefault(model.child, axis.child) != axis.child:
             return None
-        axes.append(replace(axis, closing=model.closing))
+        axes.append(replace(axis, closes_loop=model.closes_loop))
     return axes

@@ -13,63 +13,63 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.comparison.compared_items import NumberEdit
 from twin.comparison.file_numbers import FileNumber, numbers, text_of
-from twin.comparison.items import NumberEdit
 from twin.comparison.side import RobotSide
 from twin.comparison.xacro_lines import obstacle
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-_MOST_READ = 150
+_MAX_READ_NUMBERS = 150
 """Maximum number of numbers of one text that are tried for one item."""
 
-_MOST_ATTRIBUTES = 12
+_MAX_READ_ATTRIBUTES = 12
 """Maximum number of attributes of one text that are tried where each reading closes loops."""
 
-_REMEMBERED = 2000
+_MAX_REMEMBERED_TEXTS = 2000
 """Maximum number of changed texts of one file whose sides are kept."""
 
-_STEP = 1e-3
+_RELATIVE_STEP = 1e-3
 """Relative change of a number that shows what it does; files in single precision round finer ones away."""
 
-_ROUNDS = 8
+_MAX_STEPS = 8
 """Maximum number of steps to the value."""
 
-_LEFT = 0.5
+_MAX_REMAINING_SHARE = 0.5
 """Part of the difference that may remain after the first step: a number must be able to remove the other half."""
 
-_SMALL_VALUE = 0.1
+_FIRST_STEP_VALUE = 0.1
 """Value in the unit of the file below which the first step is that of this value: of zero, no part is a step."""
 
-_SMALLEST_VALUE = 1e-3
+_LATER_STEP_VALUE = 1e-3
 """The same for the further steps, and where several numbers change together."""
 
-_WITHOUT_EFFECT = 1e-9
+_SMALLEST_SLOPE = 1e-9
 """Change of the residual per change of a number below which the number moves nothing."""
 
 _LARGEST_CHANGE = 1e6
 """Change of a number, in the unit of the file, that leads nowhere."""
 
-_DONE = 0.01
+_CONVERGED_SHARE = 0.01
 """Change of the residual, relative to the inaccuracy of the goal, after which the steps end."""
 
-_ROUNDING = 0.05
+_ROUNDING_SHARE = 0.05
 """Largest change of the residual by rounding, relative to the inaccuracy of the goal."""
 
 _MOST_DIGITS = 13
 """Number of decimals up to which a value is rounded: from 0 to 12, as many as are written."""
 
-_SAME_VALUE = 1e-12
+_VALUE_TOLERANCE = 1e-12
 """Difference of two values of a number that are the same."""
 
-_USUAL_ROUNDING = 1e-6
+_QUARTER_TURN_ROUNDING = 1e-6
 """Inaccuracy of a quarter turn in rad or degrees that is written with few digits."""
 
-_MULTIPLE = 1e-4
+_MULTIPLE_TOLERANCE = 1e-4
 """Part of a quarter turn up to which an angle is a multiple of it."""
 
 
-_AXIS = re.compile(r"axis")
+_AXIS_TERM = re.compile(r"axis")
 """A direction, whose numbers are mostly 0, 1 and -1."""
 
 
@@ -80,17 +80,17 @@ class EditGoal:
     Attributes:
         residual: a function of a side that returns what differs; zero is agreement.
         agrees: a function of a side that returns whether the two sides agree there, and nowhere less than before.
-        moved: a function of a side that returns how many further frames differ; fewer make an edit likelier.
+        differing_frames: a function of a side that returns how many further frames differ; fewer make an edit likelier.
         inaccuracy: size of a residual that is only inaccuracy.
     """
 
     residual: Callable[[RobotSide], Array]
     agrees: Callable[[RobotSide], bool]
-    moved: Callable[[RobotSide], int]
+    differing_frames: Callable[[RobotSide], int]
     inaccuracy: float
 
 
-def remembering(side: RobotSide) -> RobotSide:
+def with_memory(side: RobotSide) -> RobotSide:
     """Return the side with a `reread` that reads each text once: the edits of many items try the same ones."""
     reread = side.reread
     if reread is None:
@@ -105,7 +105,7 @@ def remembering(side: RobotSide) -> RobotSide:
                 side_read_before = reread(text)
             except TwinError as error:  # a text that cannot be read is not tried again either
                 side_read_before = error
-            if len(sides_of_texts) < _REMEMBERED:
+            if len(sides_of_texts) < _MAX_REMEMBERED_TEXTS:
                 sides_of_texts[key] = side_read_before
         if isinstance(side_read_before, TwinError):
             raise side_read_before
@@ -114,7 +114,7 @@ def remembering(side: RobotSide) -> RobotSide:
     return replace(side, reread=read_once)
 
 
-def _never(_number: FileNumber, _value: float) -> bool:
+def _nothing_is_tried(_number: FileNumber, _value: float) -> bool:
     """Return that no number was tried before."""
     return False
 
@@ -127,13 +127,13 @@ class EditedSide:
     side: RobotSide
 
 
-def edits(
+def edits_of_one_number(
     side: RobotSide,
     names: Collection[str],
     kind: str,
     goal: EditGoal,
     file: Callable[[str], str],
-    is_tried: Callable[[FileNumber, float], bool] = _never,
+    is_tried: Callable[[FileNumber, float], bool] = _nothing_is_tried,
 ) -> list[NumberEdit]:
     """Return the edits of one number that reach a goal, the likeliest first; see `edited_sides`."""
     number_edits = []
@@ -148,7 +148,7 @@ def edited_sides(
     kind: str,
     goal: EditGoal,
     file: Callable[[str], str],
-    is_tried: Callable[[FileNumber, float], bool] = _never,
+    is_tried: Callable[[FileNumber, float], bool] = _nothing_is_tried,
 ) -> list[EditedSide]:
     """Return the edits of one number that reach a goal, each with its side, the likeliest first.
 
@@ -165,18 +165,18 @@ def edited_sides(
         return []
     ranked: list[tuple[int, int, EditedSide]] = []
     before = goal.residual(side)
-    for number in numbers(side, names, kind)[:_MOST_READ]:
+    for number in numbers(side, names, kind)[:_MAX_READ_NUMBERS]:
         old = _value(data, number)
         if is_tried(number, old):
             continue
-        solved = _solved(side, data, number, goal, before)
+        solved = _solved_number(side, data, number, goal, before)
         if solved is None:
             continue
         new = _text(solved.value)
         if float(new) == old:  # what the digits of a text do not show is no edit
             continue
         edit = _number_edit(side, data, number, new, file)
-        ranked.append((goal.moved(solved.side), len(new), EditedSide(edit, solved.side)))
+        ranked.append((goal.differing_frames(solved.side), len(new), EditedSide(edit, solved.side)))
     # few moved frames, and a round number, make an edit likelier
     ranked.sort(key=lambda entry: entry[:2])
     return [edited for _, _, edited in ranked]
@@ -195,14 +195,14 @@ def edits_together(
     r = goal.residual(side)
     effective_numbers: list[FileNumber] = []
     slopes: list[Array] = []
-    for number in numbers(side, names, kind)[:_MOST_READ]:
+    for number in numbers(side, names, kind)[:_MAX_READ_NUMBERS]:
         value = _value(data, number)
-        step = _STEP * max(abs(value), _SMALLEST_VALUE)
+        step = _RELATIVE_STEP * max(abs(value), _LATER_STEP_VALUE)
         changed = _reread(side, data, [(number, value + step)])
         if changed is None:
             continue
         slope = (goal.residual(changed) - r) / step
-        if np.abs(slope).max(initial=0.0) > _WITHOUT_EFFECT:
+        if np.abs(slope).max(initial=0.0) > _SMALLEST_SLOPE:
             effective_numbers.append(number)
             slopes.append(slope)
     if len(effective_numbers) < 2:
@@ -210,7 +210,7 @@ def edits_together(
     J = np.array(slopes).T
     changes = -np.linalg.pinv(J, rcond=1e-9) @ r
     steepest = np.abs(J).max(axis=0)
-    allowed = _ROUNDING * goal.inaccuracy
+    allowed = _ROUNDING_SHARE * goal.inaccuracy
     changes_of_numbers: list[tuple[FileNumber, float]] = []
     for k in np.flatnonzero(np.abs(changes) * steepest > allowed):
         value = _value(data, effective_numbers[k]) + float(changes[k])
@@ -229,7 +229,7 @@ def _number_edit(side: RobotSide, data: bytes, number: FileNumber, new: str, fil
     old = _written(data, number)
     place = file(number.file or str(side.path))
     edit = NumberEdit(side.label, place, number.line, number.what, old, new, confirmed=True)
-    return hindered(side, edit, number.file)
+    return with_obstacle(side, edit, number.file)
 
 
 def attribute_edits(
@@ -248,7 +248,7 @@ def attribute_edits(
         attributes.setdefault((number.line, attribute), []).append(number)
     edits_of_side: list[NumberEdit] = []
     before = goal.residual(side)
-    for (line, what), own_numbers in list(attributes.items())[:_MOST_ATTRIBUTES]:
+    for (line, what), own_numbers in list(attributes.items())[:_MAX_READ_ATTRIBUTES]:
         values = _attribute_values(side, data, own_numbers, goal, before)
         if values is None:
             continue
@@ -258,7 +258,7 @@ def attribute_edits(
         new = " ".join(map(_text, values))
         source = own_numbers[0].file
         edit = NumberEdit(side.label, file(source or str(side.path)), line, what, old, new, confirmed=True)
-        edits_of_side.append(hindered(side, edit, source))
+        edits_of_side.append(with_obstacle(side, edit, source))
     return edits_of_side
 
 
@@ -272,10 +272,10 @@ def _attribute_values(
     if J is None:
         return None
     r = before
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_STEPS):
         # with the derivatives of the stated values: to close the loops again for new ones takes most of the time
         change = -np.linalg.pinv(J, rcond=1e-6) @ r
-        if np.linalg.norm(r + J @ change) > _LEFT * np.linalg.norm(r):
+        if np.linalg.norm(r + J @ change) > _MAX_REMAINING_SHARE * np.linalg.norm(r):
             return None
         values = values + change
         edited = _reread_with(side, data, attribute_numbers, values)
@@ -296,7 +296,7 @@ def _attribute_derivatives(
     """Return the derivatives (rows, numbers) of the residual `before` by the values; None if a text cannot be read."""
     slopes = []
     for k in range(len(attribute_numbers)):
-        step = _STEP * max(abs(float(values[k])), _SMALL_VALUE)
+        step = _RELATIVE_STEP * max(abs(float(values[k])), _FIRST_STEP_VALUE)
         stepped = values.copy()
         stepped[k] += step
         changed = _reread_with(side, data, attribute_numbers, stepped)
@@ -315,7 +315,7 @@ def _fewest_decimals(
     """Return the values with as few decimals as are needed, within a twentieth of the inaccuracy."""
     rounded = []
     for value in values.tolist():
-        rounded.append(_fewest_digits(value, _ROUNDING * goal.inaccuracy))
+        rounded.append(_fewest_digits(value, _ROUNDING_SHARE * goal.inaccuracy))
     edited = _reread_with(side, data, attribute_numbers, np.array(rounded))
     if edited is not None and goal.agrees(edited):
         return rounded
@@ -342,11 +342,11 @@ def _reread(side: RobotSide, data: bytes, changes: Sequence[tuple[FileNumber, fl
         return None
 
 
-def hindered(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:
+def with_obstacle(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:
     """Return an edit of an expanded xacro without its new number if its line in `file` does not state the number."""
     if side.text is None:
         return edit
-    reason = obstacle(side.places, file, edit.line, edit.what, edit.old)
+    reason = obstacle(side.xacro_places, file, edit.line, edit.what, edit.old)
     if not reason:
         return edit
     return replace(edit, new="", confirmed=False, obstacle=reason)
@@ -384,17 +384,19 @@ class _SolvedNumber:
     side: RobotSide
 
 
-def _solved(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, before: Array) -> _SolvedNumber | None:
+def _solved_number(
+    side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, before: Array
+) -> _SolvedNumber | None:
     """Return the value of a number with which a goal is reached; None if there is none.
 
     By secant steps in the least-squares sense; where these lead nowhere, from the usual other values.
     """
     value = _value(data, number)
-    step = _STEP * max(abs(value), _SMALL_VALUE)
+    step = _RELATIVE_STEP * max(abs(value), _FIRST_STEP_VALUE)
     r = before
     slope: Array | None = None
     edited: RobotSide | None = None
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_STEPS):
         changed = _reread(side, data, [(number, value + step)])
         if changed is None:
             return None
@@ -403,11 +405,11 @@ def _solved(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, be
             return None
         slope = (r_changed - r) / step
         strength = float(slope @ slope)
-        if strength < _WITHOUT_EFFECT**2:
-            return None if edited is not None else _elsewhere(side, data, number, goal)
+        if strength < _SMALLEST_SLOPE**2:
+            return None if edited is not None else _usual_value(side, data, number, goal)
         change = -float(slope @ r) / strength
-        if edited is None and np.linalg.norm(r + slope * change) > _LEFT * np.linalg.norm(r):
-            return _elsewhere(side, data, number, goal)
+        if edited is None and np.linalg.norm(r + slope * change) > _MAX_REMAINING_SHARE * np.linalg.norm(r):
+            return _usual_value(side, data, number, goal)
         if not abs(change) < _LARGEST_CHANGE:  # true also for NaN
             return None
         value += change
@@ -415,35 +417,35 @@ def _solved(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, be
         if edited is None:
             return None
         r = goal.residual(edited)
-        if abs(change) * np.sqrt(strength) < _DONE * goal.inaccuracy:
+        if abs(change) * np.sqrt(strength) < _CONVERGED_SHARE * goal.inaccuracy:
             break
-        step = _STEP * max(min(abs(change), abs(value)), _SMALLEST_VALUE)
+        step = _RELATIVE_STEP * max(min(abs(change), abs(value)), _LATER_STEP_VALUE)
     if edited is None or slope is None or not goal.agrees(edited):
-        return _elsewhere(side, data, number, goal)
+        return _usual_value(side, data, number, goal)
     steepest = float(np.abs(slope).max())
     return _rounded(side, data, number, goal, value, steepest) or _SolvedNumber(value, edited)
 
 
-def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> _SolvedNumber | None:
+def _usual_value(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> _SolvedNumber | None:
     """Return the number with a lost sign, a quarter turn or zero if that reaches the goal: too far for small steps."""
     value = _value(data, number)
     for candidate in _usual_values(number, value):
-        if abs(candidate - value) < _SAME_VALUE:
+        if abs(candidate - value) < _VALUE_TOLERANCE:
             continue
         edited = _reread(side, data, [(number, candidate)])
         if edited is not None and goal.agrees(edited):
-            return _SolvedNumber(_fewest_digits(candidate, _USUAL_ROUNDING), edited)
+            return _SolvedNumber(_fewest_digits(candidate, _QUARTER_TURN_ROUNDING), edited)
     return None
 
 
 def _usual_values(number: FileNumber, value: float) -> list[float]:
     """Return what is usually meant instead of a wrong value: the other sign, quarter turns in degrees or rad."""
-    if _AXIS.search(number.what):
+    if _AXIS_TERM.search(number.what):
         return [-value, 0.0, 1.0, -1.0]
     usual = [-value]
     for quarter in (90.0, 0.5 * np.pi):
         # only from one multiple of a quarter turn to another, or all numbers would be tried
-        if abs(value / quarter - round(value / quarter)) >= _MULTIPLE:
+        if abs(value / quarter - round(value / quarter)) >= _MULTIPLE_TOLERANCE:
             continue
         for turns in (-2, -1, 1, 2):
             usual.append(value + turns * quarter)
@@ -457,7 +459,7 @@ def _rounded(
     for digits in range(_MOST_DIGITS):
         rounded = round(value, digits) + 0.0
         # half of the tolerance would be a coincidence: one more digit must not matter
-        if abs(rounded - value) * slope > _ROUNDING * goal.inaccuracy:
+        if abs(rounded - value) * slope > _ROUNDING_SHARE * goal.inaccuracy:
             continue
         edited = _reread(side, data, [(number, rounded)])
         if edited is not None and goal.agrees(edited):

@@ -7,26 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison.coupled_motion import followed_of
-from twin.comparison.side import Axis, PoseRows, RobotSide, plain
+from twin.comparison.coupled_motion import followers_of
+from twin.comparison.side import Axis, PoseRows, RobotSide, plain_name
 from twin.comparison.tool_path import path_to_tool
 from twin.core.errors import TwinError
 from twin.core.quantity import moved
 from twin.core.spatial import Array
 
-_PROBE = 0.01
+_PROBE_DISPLACEMENT = 0.01
 """Displacement in m or rad with which it is tried whether a joint moves the tool."""
 
-_UNMOVED = 1e-9
+_UNMOVED_CHANGE = 1e-9
 """Largest change of an entry of a pose, in m or of a rotation, by a joint that does not move the tool."""
 
-_WITHOUT_EFFECT = 1e-9
+_SMALLEST_RATIO = 1e-9
 """Ratio of a coupling below which a joint does not move the follower."""
 
-_FOLLOWS = 1e-3
+_COUPLING_TOLERANCE = 1e-3
 """Largest distance in m or rad of a joint from the value that its coupling gives it."""
 
-_KINDS = {False: "a length", True: "an angle"}
+_KIND_TEXTS = {False: "a length", True: "an angle"}
 """{whether a coordinate is an angle: its kind as text}."""
 
 
@@ -41,28 +41,30 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
     Raises:
         TwinError: a value is not that of the coupling.
     """
-    if side.looped:
+    if side.has_loops:
         return rows
     column = _column_of_name(rows)
     values = np.full((len(rows.q), len(side.axes)), np.nan)
     for i, axis in enumerate(side.axes):
-        if plain(axis.name) in column:
-            values[:, i] = rows.q[:, column[plain(axis.name)]]
+        if plain_name(axis.name) in column:
+            values[:, i] = rows.q[:, column[plain_name(axis.name)]]
     kept_columns = list(range(len(rows.joints)))
-    for i, (ratios, offset) in followed_of(side).items():
+    for i, (ratios, offset) in followers_of(side).items():
         name = side.axes[i].name
         leaders = np.flatnonzero(ratios)
-        if name in side.order or plain(name) not in column or np.isnan(values[:, leaders]).any():
+        if name in side.driven_joints or plain_name(name) not in column or np.isnan(values[:, leaders]).any():
             continue
         followed = values[:, leaders] @ ratios[leaders] + offset
         gaps = np.abs(values[:, i] - followed)
         row = int(np.argmax(gaps))
-        if gaps[row] > _FOLLOWS:
+        if gaps[row] > _COUPLING_TOLERANCE:
             stated = f"{name} = {values[row, i]:.6g}, but its coupling in {side.label} gives {followed[row]:.6g}"
             line = f":{rows.lines[row]}" if rows.lines else ""
             way_out = "Correct the value or the coupling, or remove the column"
-            raise TwinError(f"{label}{line}: {stated} in rad or m (up to {_FOLLOWS:g} apart is allowed). {way_out}")
-        kept_columns.remove(column[plain(name)])
+            raise TwinError(
+                f"{label}{line}: {stated} in rad or m (up to {_COUPLING_TOLERANCE:g} apart is allowed). {way_out}"
+            )
+        kept_columns.remove(column[plain_name(name)])
     joints = [rows.joints[k] for k in kept_columns]
     angles = [rows.angles[k] for k in kept_columns]
     return replace(rows, joints=tuple(joints), angles=tuple(angles), q=rows.q[:, kept_columns])
@@ -70,7 +72,7 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
 
 def _column_of_name(rows: PoseRows) -> dict[str, int]:
     """Return {plain name of a joint of the rows: its column}."""
-    names = list(map(plain, rows.joints))
+    names = list(map(plain_name, rows.joints))
     return dict(zip(names, range(len(names)), strict=True))
 
 
@@ -82,10 +84,10 @@ def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
     Raises:
         TwinError: the joints cannot be matched, or a length stands where the robot has an angle.
     """
-    columns = _columns(rows, label, side)
+    columns = _column_of_joint(rows, label, side)
     axes = _axis_of_name(side)
-    q = np.full((len(rows.q), len(side.order)), np.nan)
-    for i, name in enumerate(side.order):
+    q = np.full((len(rows.q), len(side.driven_joints)), np.nan)
+    for i, name in enumerate(side.driven_joints):
         if name not in columns:
             continue
         column = columns[name]
@@ -95,42 +97,42 @@ def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
     return q
 
 
-def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
+def _column_of_joint(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
     """Return {driven joint of the robot: its column of the rows}, by names or, if all of them differ, by order.
 
     Raises:
         TwinError: it names the joints of both, and the way out.
     """
     column_of_name = _column_of_name(rows)
-    driving = _driving(side)
+    driving = _driving_names(side)
     driving_joints = []
-    for name in side.order:
+    for name in side.driven_joints:
         if name in driving:
             driving_joints.append(name)
     missing = []
     for name in driving_joints:
-        if plain(name) in column_of_name:
+        if plain_name(name) in column_of_name:
             continue
         # which joints of loops move the tool is not read from the lines: the missing ones are tried
         if side.tool_poses is None or _moves_tool(side, name):
             missing.append(name)
-    driven_names = set(map(plain, side.order))
+    driven_names = set(map(plain_name, side.driven_joints))
     extra = []
     for name in rows.joints:
-        if plain(name) not in driven_names:
+        if plain_name(name) not in driven_names:
             extra.append(name)
     if not missing and not extra:
         columns = {}
-        for name in side.order:
-            if plain(name) in column_of_name:
-                columns[name] = column_of_name[plain(name)]
+        for name in side.driven_joints:
+            if plain_name(name) in column_of_name:
+                columns[name] = column_of_name[plain_name(name)]
         return columns
     if len(rows.joints) == len(driving_joints) == len(missing):
         return dict(zip(driving_joints, range(len(driving_joints)), strict=True))
     stated = f"{label} has values of {len(rows.joints)} joints ({', '.join(rows.joints)})"
     needed = f"the tool of {side.label} is moved by {len(driving_joints)} ({', '.join(driving_joints)})"
     way_out = "Name the joints alike, or compare fewer with --only"
-    passive = _passive(extra, side)
+    passive = _passive_names(extra, side)
     if passive:
         way_out = f"Remove the columns of joints without a motor: {', '.join(passive)}"
     raise TwinError(f"the joints cannot be matched: {stated}, but {needed}. {way_out}")
@@ -140,8 +142,8 @@ def _require_unit(rows: PoseRows, column: int, label: str, axis: Axis, side: Rob
     """Require that a column has angles for a joint that turns, and lengths for one that slides."""
     if axis.is_angle == rows.angles[column]:
         return
-    stated = f"joint '{rows.joints[column]}' of {label} is {_KINDS[rows.angles[column]]}"
-    known_kind = f"'{axis.name}' of {side.label} is {_KINDS[axis.is_angle]}"
+    stated = f"joint '{rows.joints[column]}' of {label} is {_KIND_TEXTS[rows.angles[column]]}"
+    known_kind = f"'{axis.name}' of {side.label} is {_KIND_TEXTS[axis.is_angle]}"
     way_out = "Correct the unit in the heading, or the order of the columns"
     raise TwinError(f"{stated}, but {known_kind}. {way_out}")
 
@@ -154,12 +156,12 @@ def _axis_of_name(side: RobotSide) -> dict[str, Axis]:
     return axis_of_name
 
 
-def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
+def _passive_names(names: Sequence[str], side: RobotSide) -> list[str]:
     """Return which of the names are joints of the side without a motor."""
-    undriven = set(map(plain, side.joint_names)) - set(map(plain, side.order))
+    undriven = set(map(plain_name, side.joint_names)) - set(map(plain_name, side.driven_joints))
     passive = []
     for name in names:
-        if plain(name) in undriven:
+        if plain_name(name) in undriven:
             passive.append(name)
     return passive
 
@@ -167,20 +169,20 @@ def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
 def _moves_tool(side: RobotSide, name: str) -> bool:
     """Return whether a driven joint of a robot with loops moves its tool."""
     assert side.tool_poses is not None
-    states = np.full((2, len(side.order)), np.nan)
-    states[1, side.order.index(name)] = side.axes[side.index(name)].drawn + _PROBE
+    states = np.full((2, len(side.driven_joints)), np.nan)
+    states[1, side.driven_joints.index(name)] = side.axes[side.index(name)].drawn + _PROBE_DISPLACEMENT
     at_rest, displaced = side.tool_poses(states)
     if not np.isfinite(at_rest).all():
         return False  # its loops are open wherever they stand: the rows will show it
     # where the loops open, the joint moves them, and the tool with them
-    return bool(np.abs(displaced - at_rest).max() > _UNMOVED) or not np.isfinite(displaced).all()
+    return bool(np.abs(displaced - at_rest).max() > _UNMOVED_CHANGE) or not np.isfinite(displaced).all()
 
 
-def _driving(side: RobotSide) -> set[str]:
+def _driving_names(side: RobotSide) -> set[str]:
     """Return the names of the driven joints that move the tool; of a robot with loops, all."""
-    if side.tool_poses is not None or side.looped:
-        return set(side.order)
-    coupled = followed_of(side)
+    if side.tool_poses is not None or side.has_loops:
+        return set(side.driven_joints)
+    coupled = followers_of(side)
     names = set()
     for axis in path_to_tool(side):
         i = side.index(axis.name)
@@ -188,7 +190,7 @@ def _driving(side: RobotSide) -> set[str]:
             names.add(axis.name)
             continue
         ratios, _ = coupled[i]
-        for leader in np.flatnonzero(np.abs(ratios) > _WITHOUT_EFFECT):
+        for leader in np.flatnonzero(np.abs(ratios) > _SMALLEST_RATIO):
             names.add(side.axes[leader].name)
     return names
 
@@ -200,7 +202,7 @@ def require_common_range(rows: PoseRows, q: Array, label: str, side: RobotSide) 
         TwinError: it names the joint, both ranges, and the way out.
     """
     axes = _axis_of_name(side)
-    for i, name in enumerate(side.order):
+    for i, name in enumerate(side.driven_joints):
         values = q[:, i]
         if name not in axes or not np.isfinite(values).all():
             continue

@@ -17,10 +17,10 @@ from twin.core.spatial import Array
 LEVER = 1.0 / ANGLE_PER_LENGTH
 """Length in m by which an angle in rad counts as much as a distance."""
 
-_ROUNDS = 25
+_MAX_STEPS = 25
 """Maximum number of Gauss-Newton steps."""
 
-_STEP = 1e-6
+_DIFFERENCE_STEP = 1e-6
 """Step of the unknowns in m and rad for derivatives by differences."""
 
 _FIRST_DAMPING = 1e-9
@@ -35,10 +35,10 @@ _LARGEST_DAMPING = 10.0
 _DAMPING_GROWTH = 30
 """Factor of the damping after a step that did not lower the remainder."""
 
-_STALLED = 1e-7
+_CONVERGED_SHARE = 1e-7
 """Part of the sum of squares that a step must remove, or the fit has ended."""
 
-_RANK = 1e-13
+_RANK_RATIO = 1e-13
 """Size of a singular value of the normal matrix, relative to the largest, below which a direction is open."""
 
 _TOOL_OFFSET = 0.1
@@ -94,7 +94,7 @@ class RowFit:
         if lever is not None:
             self.lever = lever
 
-    def parts(self, x: Array, signs: Array, changes: Sequence[JointChange]) -> tuple[Array, Array]:
+    def shifts_and_turns(self, x: Array, signs: Array, changes: Sequence[JointChange]) -> tuple[Array, Array]:
         """Return the shifts (k, 3) in m and rotation vectors (k, 3) in rad from the computed to the stated poses."""
         zeros = np.zeros(self.motion.count)
         places: dict[int, Array] = {}
@@ -103,7 +103,7 @@ class RowFit:
                 zeros[change.joint] = x[columns.start]
             else:
                 places[change.joint] = x[columns]
-        X, Y = frames_of(x)
+        X, Y = base_and_tool(x)
         T = X @ self.motion.poses(signs, zeros, places) @ Y
         shifts = T[:, :3, 3] - self.rows.T[:, :3, 3]
         if not self.rows.rotations:
@@ -113,13 +113,13 @@ class RowFit:
 
     def residual(self, x: Array, signs: Array, changes: Sequence[JointChange]) -> Array:
         """Return the remainder (rows * 3 or 6,) in units of `scale`; angles count by the lever."""
-        shifts, turns = self.parts(x, signs, changes)
+        shifts, turns = self.shifts_and_turns(x, signs, changes)
         values = [shifts.ravel()]
         if self.rows.rotations:
             values.append(self.lever * turns.ravel())
         return np.concatenate(values) / self.scale
 
-    def solved(
+    def refined(
         self, signs: Array, changes: tuple[JointChange, ...], x: Array, free: NDArray[np.bool_] | None = None
     ) -> RowState:
         """Return the unknowns after damped Gauss-Newton steps from x (unknowns,).
@@ -134,12 +134,12 @@ class RowFit:
         r = self.residual(x, signs, changes)
         damping = _FIRST_DAMPING
         J = self.derivatives(x, signs, changes, columns, r)
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_STEPS):
             gradient = J.T @ r
             normal = J.T @ J
             size = np.diag(normal).max() if len(columns) else 0.0
             damped = normal + damping * size * np.eye(len(columns))
-            step = np.linalg.lstsq(damped, -gradient, rcond=_RANK)[0]
+            step = np.linalg.lstsq(damped, -gradient, rcond=_RANK_RATIO)[0]
             x_tried = x.copy()
             x_tried[columns] += step
             r_tried = self.residual(x_tried, signs, changes)
@@ -150,7 +150,7 @@ class RowFit:
                 r = r_tried
                 damping = max(damping / 10, _SMALLEST_DAMPING)
                 J = self.derivatives(x, signs, changes, columns, r)
-                if before - after < _STALLED * before:
+                if before - after < _CONVERGED_SHARE * before:
                     break
             else:
                 damping *= _DAMPING_GROWTH
@@ -165,8 +165,8 @@ class RowFit:
         J = np.zeros((len(r), len(columns)))
         for k, column in enumerate(columns):
             shifted = x.copy()
-            shifted[column] += _STEP
-            J[:, k] = (self.residual(shifted, signs, changes) - r) / _STEP
+            shifted[column] += _DIFFERENCE_STEP
+            J[:, k] = (self.residual(shifted, signs, changes) - r) / _DIFFERENCE_STEP
         return J
 
     def frames_alone(self, signs: Array) -> RowState:
@@ -174,7 +174,7 @@ class RowFit:
         T = self.motion.poses(signs, np.zeros(self.motion.count), {})
         best: RowState | None = None
         for x in self._starts(T):
-            state = self.solved(signs, (), x)
+            state = self.refined(signs, (), x)
             if best is None or state.sse < best.sse:
                 best = state
         assert best is not None
@@ -204,7 +204,7 @@ class RowFit:
             yield np.concatenate([spatial.log_so3(R), p, np.zeros(3), p_tool_point])
 
 
-def frames_of(x: Array) -> tuple[Array, Array]:
+def base_and_tool(x: Array) -> tuple[Array, Array]:
     """Return base and tool frame (4, 4) of unknowns x, which begin with those of the two frames."""
     base = spatial.pose(spatial.exp_so3(x[:3]), x[3:6])
     tool = spatial.pose(spatial.exp_so3(x[6:9]), x[9:12])

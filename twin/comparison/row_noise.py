@@ -23,16 +23,16 @@ _SIGNIFICANCE = 1e-4
 _LARGEST_NOISE = 2e-3
 """Standard deviation of a coordinate in m above which an estimate is no noise: no few changes explain the rows."""
 
-_FREEDOMS = 6
+_FEWEST_FREEDOMS = 6
 """Fewest numbers of the rows beyond the unknowns with which noise is estimated."""
 
-_RANK = 1e-9
+_RANK_RATIO = 1e-9
 """Size of a singular value of the normal matrix, relative to its trace, below which a direction is open."""
 
-_SAME_SUM = 1e-9
+_SUM_TOLERANCE = 1e-9
 """Relative difference of two sums of squares that is only rounding."""
 
-_MUCH_LESS = 0.5
+_MUCH_SMALLER_RATIO = 0.5
 """Ratio of two standard deviations from which the smaller one belongs to other signs, not to chance."""
 
 
@@ -66,7 +66,7 @@ class RowNoise:
 
     def is_within_tolerance(self, state: RowState) -> bool:
         """Return whether the largest remainder is within the tolerance, and its angle."""
-        shifts, turns = self.fit.parts(state.x, state.signs, state.changes)
+        shifts, turns = self.fit.shifts_and_turns(state.x, state.signs, state.changes)
         distance = float(np.linalg.norm(shifts, axis=1).max())
         angle = float(np.linalg.norm(turns, axis=1).max())
         return distance <= self.tolerance and angle <= ANGLE_PER_LENGTH * self.tolerance
@@ -101,17 +101,17 @@ class RowNoise:
         for joint in range(motion.count):
             changes.append(JointChange("place", joint))
         x = np.concatenate([state.x, np.zeros(6 * motion.count)])
-        saturated = self.fit.solved(state.signs, tuple(changes), x)
-        if self.freedoms(saturated) < _FREEDOMS:
+        saturated = self.fit.refined(state.signs, tuple(changes), x)
+        if self.freedoms(saturated) < _FEWEST_FREEDOMS:
             return None
         if self.stated or self.fit.rows.computed or not self.fit.rows.rotations:
             return Saturation(self, state, saturated)
-        sigma, sigma_angle = self._deviation(saturated)
+        sigma, sigma_angle = self._remaining_deviations(saturated)
         if sigma == 0 or sigma_angle == 0:
             return Saturation(self, state, saturated)
         fit = RowFit(self.fit.rows, motion, sigma / sigma_angle)
-        saturated = fit.solved(saturated.signs, saturated.changes, saturated.x)
-        refitted = fit.solved(state.signs, state.changes, state.x)
+        saturated = fit.refined(saturated.signs, saturated.changes, saturated.x)
+        refitted = fit.refined(state.signs, state.changes, state.x)
         return Saturation(RowNoise(fit, self.tolerance), refitted, saturated)
 
     def least_noisy(self, states: Sequence[RowState], saturated: RowState) -> tuple[RowNoise, RowState]:
@@ -123,31 +123,31 @@ class RowNoise:
         first = states[0]
         best_noise = self
         best = saturated
-        least, _ = self._deviation(saturated)
+        least, _ = self._remaining_deviations(saturated)
         for state in states[1:]:
             if state.sse >= first.sse:
                 continue
             candidate = best_noise.saturated(state)
             if candidate is None:
                 continue
-            deviation, _ = self._deviation(candidate.saturated)
-            if deviation < _MUCH_LESS * least:
+            deviation, _ = self._remaining_deviations(candidate.saturated)
+            if deviation < _MUCH_SMALLER_RATIO * least:
                 best_noise = candidate.noise
                 best = candidate.saturated
                 least = deviation
         return best_noise, best
 
-    def deviations(self, saturated: RowState | None) -> tuple[float, float] | None:
+    def standard_deviations(self, saturated: RowState | None) -> tuple[float, float] | None:
         """Return the noise in m and rad that the table states, or else that the rows show; None without an estimate."""
         if self.stated:
             return self.fit.scale, self.fit.scale / self.fit.lever
         if saturated is None or self.fit.rows.computed:
             return None
-        return self._deviation(saturated)
+        return self._remaining_deviations(saturated)
 
-    def _deviation(self, saturated: RowState) -> tuple[float, float]:
+    def _remaining_deviations(self, saturated: RowState) -> tuple[float, float]:
         """Return the standard deviations of a coordinate in m and of an angle in rad that a fit leaves."""
-        shifts, turns = self.fit.parts(saturated.x, saturated.signs, saturated.changes)
+        shifts, turns = self.fit.shifts_and_turns(saturated.x, saturated.signs, saturated.changes)
         share = self.freedoms(saturated) / len(saturated.r)
         sigma = float(np.sqrt((shifts**2).mean() / share))
         sigma_angle = float(np.sqrt((turns**2).mean() / share))
@@ -173,13 +173,13 @@ class RowNoise:
     def _rank(state: RowState) -> int:
         """Return the number of unknowns that the rows determine."""
         normal = state.J.T @ state.J
-        return int(np.linalg.matrix_rank(normal, tol=_RANK * float((state.J**2).sum())))
+        return int(np.linalg.matrix_rank(normal, tol=_RANK_RATIO * float((state.J**2).sum())))
 
     def _is_noise(self, state: RowState, saturated: RowState) -> bool:
         """Return whether the remainder is not significantly larger than with every joint free."""
         if self.stated:
             return self._is_stated_noise(state, saturated)
-        if self._deviation(saturated)[0] > _LARGEST_NOISE:
+        if self._remaining_deviations(saturated)[0] > _LARGEST_NOISE:
             return False
         return self._is_estimated_noise(state, saturated)
 
@@ -193,7 +193,7 @@ class RowNoise:
         further_unknowns = self._rank(saturated) - self._rank(state)
         freedoms = self.freedoms(saturated)
         if further_unknowns <= 0 or saturated.sse <= 0:
-            return state.sse <= saturated.sse * (1 + _SAME_SUM)
+            return state.sse <= saturated.sse * (1 + _SUM_TOLERANCE)
         removed = max(state.sse - saturated.sse, 0.0) / further_unknowns
         F = removed / (saturated.sse / freedoms)
         return float(fdtrc(further_unknowns, freedoms, F)) > _SIGNIFICANCE

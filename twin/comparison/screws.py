@@ -22,16 +22,16 @@ Forward = Callable[[Array], Array]
 TOOL = "tool"
 """Name of the tool frame of equations."""
 
-_TURN = 1.0
+_PROBE_ANGLE = 1.0
 """Angle in rad by which a hinge is moved to find its screw."""
 
-_SLIDE = 0.1
+_PROBE_LENGTH = 0.1
 """Distance in m by which a slide is moved to find its direction."""
 
-_HELD = 1e-8
+_CHAIN_TOLERANCE = 1e-8
 """Largest difference in m, or as an entry of a rotation, with which equations are a chain."""
 
-_STATES = 64
+_STATE_COUNT = 64
 """Number of states at which the chain is compared with the equations."""
 
 _SEED = 7
@@ -74,7 +74,7 @@ def chain_of(
     axes = []
     groups = [JointGroup(("base",))]
     for place, i in enumerate(moving):
-        point, direction = _line(forward, T_drawn, drawn, i, kinds[i], names[i], label)
+        point, direction = _joint_line(forward, T_drawn, drawn, i, kinds[i], names[i], label)
         axes.append(Axis(names[i], kinds[i], place, place + 1, point, direction, 0.0))
         groups.append(JointGroup((f"link{place + 1}",)))
     side = RobotSide(
@@ -84,17 +84,17 @@ def chain_of(
         groups=tuple(groups),
         frames={TOOL: (len(moving), T_drawn)},
         tool=TOOL,
-        order=tuple([names[i] for i in moving]),
+        driven_joints=tuple([names[i] for i in moving]),
     )
     _require_same_poses(forward, side, moving, len(names))
     return side
 
 
-def _line(
+def _joint_line(
     forward: Forward, T_drawn: Array, drawn: Array, i: int, kind: str, name: str, label: str
 ) -> tuple[Array, Array]:
     """Return (point, direction) (3,) of the line of joint i at the drawn state."""
-    size = _SLIDE if kind == "prismatic" else _TURN
+    size = _PROBE_LENGTH if kind == "prismatic" else _PROBE_ANGLE
     # a large motion, because the logarithm of a small one would lose digits
     q = drawn.copy()
     q[i] += size
@@ -106,16 +106,16 @@ def _line(
     angle = float(np.linalg.norm(turn))
     if kind == "prismatic":
         distance = float(np.linalg.norm(motion[:3, 3]))
-        if angle > _HELD or abs(distance - size) > _HELD:
+        if angle > _CHAIN_TOLERANCE or abs(distance - size) > _CHAIN_TOLERANCE:
             raise NotAChainError(f"{label}: joint '{name}' of the equations does not move the tool as a slide does")
         return np.zeros(3), motion[:3, 3] / distance
-    if abs(angle - size) > _HELD:
+    if abs(angle - size) > _CHAIN_TOLERANCE:
         raise NotAChainError(f"{label}: joint '{name}' of the equations does not turn the tool by its own angle")
     direction = turn / angle
     # the point of the line nearest to the origin: (I - R) point = shift, without the part along the line
     point = np.linalg.lstsq(np.eye(3) - motion[:3, :3], motion[:3, 3], rcond=1e-9)[0]
     point = point - direction * (direction @ point)
-    if abs(float(direction @ motion[:3, 3])) > _HELD:
+    if abs(float(direction @ motion[:3, 3])) > _CHAIN_TOLERANCE:
         raise NotAChainError(f"{label}: joint '{name}' of the equations turns and slides the tool")
     return point, direction
 
@@ -127,20 +127,20 @@ def _require_same_poses(forward: Forward, side: RobotSide, moving: Sequence[int]
         NotAChainError: they do not, or the equations have no poses there.
     """
     rng = np.random.default_rng(_SEED)
-    displacements = np.zeros((_STATES, len(moving)))
+    displacements = np.zeros((_STATE_COUNT, len(moving)))
     for k, axis in enumerate(side.axes):
-        half = np.pi if axis.is_angle else _SLIDE
-        displacements[:, k] = rng.uniform(-half, half, _STATES)
-    q = np.zeros((_STATES, count))
+        half = np.pi if axis.is_angle else _PROBE_LENGTH
+        displacements[:, k] = rng.uniform(-half, half, _STATE_COUNT)
+    q = np.zeros((_STATE_COUNT, count))
     q[:, list(moving)] = displacements
     stated = forward(q)
     has_pose = np.isfinite(stated).all(axis=(1, 2))
     if not has_pose.any():
-        raise NotAChainError(f"{side.label}: the equations have no poses at {_STATES} states about zero")
+        raise NotAChainError(f"{side.label}: the equations have no poses at {_STATE_COUNT} states about zero")
     group, T_tool = side.frames[side.tool]
-    poses = side.poses(displacements)[:, group] @ T_tool
+    poses = side.group_motions(displacements)[:, group] @ T_tool
     gap = float(np.abs(poses[has_pose] - stated[has_pose]).max())
-    if gap > _HELD:
+    if gap > _CHAIN_TOLERANCE:
         raise NotAChainError(
             f"{side.label}: the equations are no chain of hinges and slides: their poses differ from those of the "
             f"joint lines by up to {gap:.3g} (m, or an entry of a rotation)"

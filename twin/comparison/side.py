@@ -20,10 +20,10 @@ from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 from twin.model.mechanism import Mechanism
 
-TURNING = ("revolute", "cylindrical")
+TURNING_KINDS = ("revolute", "cylindrical")
 """Joint types that turn about a line."""
 
-ONE_COORDINATE = ("revolute", "prismatic")
+ONE_COORDINATE_KINDS = ("revolute", "prismatic")
 """Joint types with one coordinate, which has a sign and a zero."""
 
 UNLIMITED = (-np.inf, np.inf)
@@ -39,15 +39,15 @@ class Axis:
         parent, child: indices of the groups of bodies that it connects.
         point, direction: (3,) a point on its line in m, and the unit vector along it, in base, at the drawn state.
         drawn: coordinate at the drawn state in m or rad.
-        closing: whether the joint closes a loop, and is not in the tree.
+        closes_loop: whether the joint closes a loop, and is not in the tree.
         active: whether a motor drives it.
         limits: range of the coordinate in m or rad; `UNLIMITED` if the file states that there are no limits; None if it
             states nothing.
         max_speed: as in `model.joint.Joint`.
-        directed: whether the description states which way along the line is positive.
-        opened: distance in m and angle in rad by which a joint that closes a loop leaves it open at the drawn state.
-        opened_at: name of the weld, or other joint without an axis, that is so far apart; "": the joint itself.
-        joined: the joints that the description writes instead of this one, see the module `joined`.
+        is_directed: whether the description states which way along the line is positive.
+        opening: distance in m and angle in rad by which a joint that closes a loop leaves it open at the drawn state.
+        open_weld: name of the weld, or other joint without an axis, that is so far apart; "": the joint itself.
+        merged_axes: the joints that the description writes instead of this one, see the module `merged_joints`.
     """
 
     name: str
@@ -57,19 +57,19 @@ class Axis:
     point: Array
     direction: Array
     drawn: float
-    closing: bool = False
+    closes_loop: bool = False
     active: bool = True
     limits: tuple[float, float] | None = None
     max_speed: float | None = None
-    directed: bool = True
-    joined: tuple[Axis, ...] = ()
-    opened: tuple[float, float] = (0.0, 0.0)
-    opened_at: str = ""
+    is_directed: bool = True
+    merged_axes: tuple[Axis, ...] = ()
+    opening: tuple[float, float] = (0.0, 0.0)
+    open_weld: str = ""
 
     @property
-    def parts(self) -> tuple[str, ...]:
+    def merged_names(self) -> tuple[str, ...]:
         """Plain names of the joints that the description writes instead of this one."""
-        return tuple(plain(axis.name) for axis in self.joined)
+        return tuple(plain_name(axis.name) for axis in self.merged_axes)
 
     @property
     def is_angle(self) -> bool:
@@ -106,7 +106,7 @@ class CouplingRow:
 
 
 @dataclass(frozen=True)
-class TableLine:
+class DhTableRow:
     """A row of a table of Denavit-Hartenberg parameters.
 
     Attributes:
@@ -153,7 +153,7 @@ class PoseRows:
     noise: tuple[float | None, float | None] = (None, None)
     computed: bool = False
 
-    def chosen(self, mask: NDArray[np.bool_]) -> PoseRows:
+    def selected(self, mask: NDArray[np.bool_]) -> PoseRows:
         """Return the rows of which the mask (k,) is true."""
         rows = np.flatnonzero(mask)
         lines = self.lines
@@ -173,20 +173,20 @@ class RobotSide:
         groups: groups of bodies; the first contains the base.
         frames: {name of a frame or body: (group, T_base_frame (4, 4) at the drawn state)}.
         tool: name of the tool frame.
-        guessed_tool: whether the description names no tool, so that the tool is only the last body.
+        is_tool_guessed: whether the description names no tool, so that the tool is only the last body.
         couplings: the couplings of two or more moving joints.
-        order: names of the driven joints, in the order of q.
+        driven_joints: names of the driven joints, in the order of q.
         path: the file; None if there is none.
         text: the URDF that the file describes, if the file is a xacro; else None.
-        places: {"joint/NAME/origin", ...: (file, line)} of that URDF in the xacro files.
-        rows: the rows, if the file is a table of Denavit-Hartenberg parameters.
+        xacro_places: {"joint/NAME/origin", ...: (file, line)} of that URDF in the xacro files.
+        dh_rows: the rows, if the file is a table of Denavit-Hartenberg parameters.
         notes: texts on data that the reader left out.
         efforts: {joint: maximum effort in N or N m}.
         mechanism: the mechanism, for pictures; None if the side is only equations or poses.
         reread: a function that reads a changed text of the file, or of `text`; it raises a TwinError if it cannot.
         reread_closed: the same for a robot with loops, which are closed again: only few numbers can be tried.
             None for files without text.
-        sampled: function that returns rows of poses, for measured poses and for equations; else None.
+        sample_poses: function that returns rows of poses, for measured poses and for equations; else None.
         tool_poses: function from q (k, order) to T_base_tool (k, 4, 4), for a robot with loops; NaN where they open.
     """
 
@@ -196,25 +196,25 @@ class RobotSide:
     groups: tuple[JointGroup, ...]
     frames: Mapping[str, tuple[int, Array]]
     tool: str = ""
-    guessed_tool: bool = False
+    is_tool_guessed: bool = False
     couplings: tuple[CouplingRow, ...] = ()
-    order: tuple[str, ...] = ()
+    driven_joints: tuple[str, ...] = ()
     path: Path | None = None
     text: bytes | None = None
-    places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
-    rows: tuple[TableLine, ...] = ()
+    xacro_places: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    dh_rows: tuple[DhTableRow, ...] = ()
     notes: tuple[str, ...] = ()
     efforts: Mapping[str, float] = field(default_factory=dict)
     mechanism: Mechanism | None = None
     reread: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
     reread_closed: Callable[[bytes], RobotSide] | None = field(default=None, repr=False, compare=False)
-    sampled: Callable[[], PoseRows] | None = None
+    sample_poses: Callable[[], PoseRows] | None = None
     tool_poses: Callable[[Array], Array] | None = None
 
     @property
     def tree(self) -> tuple[Axis, ...]:
         """The joints of the tree, parents first."""
-        return tuple(axis for axis in self.axes if not axis.closing)
+        return tuple(axis for axis in self.axes if not axis.closes_loop)
 
     @property
     def joint_names(self) -> list[str]:
@@ -222,9 +222,9 @@ class RobotSide:
         return [axis.name for axis in self.axes]
 
     @property
-    def looped(self) -> bool:
+    def has_loops(self) -> bool:
         """Whether the side has closed loops."""
-        return any(axis.closing for axis in self.axes)
+        return any(axis.closes_loop for axis in self.axes)
 
     def index(self, name: str) -> int:
         """Return the index of a joint."""
@@ -233,7 +233,7 @@ class RobotSide:
                 return i
         raise TwinError(f"{self.label}: {unknown('moving joint', name, self.joint_names)}")
 
-    def poses(self, displacements: Array) -> Array:
+    def group_motions(self, displacements: Array) -> Array:
         """Return the motions (k, groups, 4, 4) of the groups since the drawn state, for displacements (k, tree joints).
 
         The motion of a group maps its points at the drawn state to their places after the joints of the tree have
@@ -250,7 +250,7 @@ class RobotSide:
 
 
 @lru_cache(maxsize=4096)
-def plain(name: str) -> str:
+def plain_name(name: str) -> str:
     """Return a name without case, signs and spaces: readers change these to make identifiers.
 
     Signs between digits stay as "_": "j1_1" and "j_11" are two joints.
@@ -259,7 +259,7 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9_]|(?<![0-9])_|_(?![0-9])", "", parted_numbers)
 
 
-def common_beginning(names: Sequence[str]) -> str:
+def common_prefix(names: Sequence[str]) -> str:
     """Return the letters with which all of some names begin."""
     # the names between these two in the alphabet share what the two share
     first = min(names)
@@ -274,7 +274,7 @@ def joint_motion(axis: Axis, displacement: Array) -> Array:
     """Return the motions (k, 4, 4) of displacements (k,) in m or rad along or about the line of a joint."""
     if axis.kind == "prismatic":
         return spatial.pose(p=displacement[:, None] * axis.direction)
-    if axis.kind in TURNING:
+    if axis.kind in TURNING_KINDS:
         R = spatial.exp_so3(displacement[:, None] * axis.direction)
         return spatial.pose(R, axis.point - R @ axis.point)
     return spatial.pose(np.broadcast_to(np.eye(3), (len(displacement), 3, 3)))

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from twin.comparison.compared_items import ComparedItem
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.items import ComparedItem
 from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.line_gaps import FitSolution
 from twin.comparison.mimic import MimicError
-from twin.comparison.poses import PoseFit
-from twin.comparison.properties import KINDS, Properties, PropertyRow
+from twin.comparison.pose_comparison import PoseFit
+from twin.comparison.properties import PROPERTY_KINDS, Properties, PropertyRow
 from twin.comparison.side import RobotSide
 from twin.core.json_types import JsonObject
 
@@ -75,7 +75,7 @@ class SidePair:
         verdicts = {}
         rows = []
         if self.properties is not None:
-            for kind in KINDS:
+            for kind in PROPERTY_KINDS:
                 verdicts[kind] = self.properties.verdict(kind)
             rows = _as_dicts(self.properties.rows)
         largest = None if self.worst is None else self.worst.as_dict()

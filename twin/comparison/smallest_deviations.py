@@ -13,20 +13,20 @@ import numpy as np
 
 from twin.comparison.evidence import StatedEvidence
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import leaf_gaps
+from twin.comparison.frame_gaps import leaf_frame_gaps
 from twin.comparison.line_gaps import FitSolution, line_residuals, lines_coincide
-from twin.comparison.refinement import STEP, open_directions, refine, with_steps
+from twin.comparison.refinement import DIFFERENCE_STEP, open_directions, refine, stepped_values
 from twin.comparison.unknowns import Unknowns, convention_count, deviation_columns, free_values, values_of, with_values
 from twin.core import spatial
 from twin.core.spatial import Array
 
-NEAR = 100.0
+INACCURACY_FACTOR = 100.0
 """Factor of the tolerance up to which a value may be inaccuracy of the file, so that zero is tried."""
 
-_SHRINKS = 12
+_MAX_STEPS = 12
 """Maximum number of steps to the smallest deviations."""
 
-_SMALL_TURN = 0.5
+_LARGEST_CHANGE = 0.5
 """Largest change of a value in rad or m in one of these steps."""
 
 
@@ -55,20 +55,20 @@ def smallest_deviations(problem: FitProblem, solution: FitSolution) -> FitSoluti
     def residuals_of_agreeing(values: Array, groups: Array) -> Array:
         return stated.residuals_of(agreeing, unknowns.signs, values, groups)
 
-    for _ in range(_SHRINKS):
+    for _ in range(_MAX_STEPS):
         x = values_of(best.unknowns)
-        stepped = with_steps(x, columns)
+        stepped = stepped_values(x, columns)
         parents, children, groups = problem.motions(unknowns.signs, stepped, unknowns.deviating)
         lines = line_residuals(problem, unknowns.signs, parents, children)
         rows = np.concatenate([lines, residuals_of_agreeing(stepped, groups)], axis=1)
-        undetermined = open_directions((rows[:-1] - rows[-1]).T / STEP)
+        undetermined = open_directions((rows[:-1] - rows[-1]).T / DIFFERENCE_STEP)
         # the part of the deviations that neither lines nor evidence determine
         excess = undetermined @ (undetermined.T @ x[columns])
         if np.abs(excess).max() < problem.tolerance:
             break
         x_tried = x.copy()
         # only a small turn keeps the directions
-        x_tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
+        x_tried[columns] -= excess * min(1.0, _LARGEST_CHANGE / float(np.abs(excess).max()))
         refined = refine(problem, with_values(unknowns, x_tried), free, residuals_of_agreeing)
         smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
         if not smaller or not lines_coincide(problem, refined.gap) or stated.violated(agreeing, refined.unknowns):
@@ -80,7 +80,7 @@ def smallest_deviations(problem: FitProblem, solution: FitSolution) -> FitSoluti
 def with_few_numbers(problem: FitProblem, solution: FitSolution) -> FitSolution:
     """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
     unknowns = solution.unknowns
-    tools = [gap.T for gap in leaf_gaps(problem, unknowns)]
+    tools = [gap.T for gap in leaf_frame_gaps(problem, unknowns)]
     free = free_values(problem.count, unknowns.deviating)
     free[: convention_count(problem.count)] = False
     best = solution
@@ -111,7 +111,7 @@ def _columns_of_deviations(problem: FitProblem, unknowns: Unknowns) -> Iterator[
 
 def _tools_stay(problem: FitProblem, unknowns: Unknowns, before: Sequence[Array]) -> bool:
     """Return whether the frames of leaf links that were equal are still equal."""
-    leaves = leaf_gaps(problem, unknowns)
+    leaves = leaf_frame_gaps(problem, unknowns)
     for gap, T in zip(leaves, before, strict=True):
         gap_before = replace(gap, T=T)
         if gap.differs(problem) and not gap_before.differs(problem):
@@ -122,16 +122,16 @@ def _tools_stay(problem: FitProblem, unknowns: Unknowns, before: Sequence[Array]
 def with_short_turns(unknowns: Unknowns) -> Unknowns:
     """Return unknowns with the turns of base and deviations below half a turn."""
     base = unknowns.base.copy()
-    base[:3] = _short_vector(base[:3])
+    base[:3] = _shortest_vector(base[:3])
     if unknowns.deviations is None:
         return replace(unknowns, base=base)
     deviations = unknowns.deviations.copy()
     for k, values in enumerate(unknowns.deviations):
-        deviations[k, :3] = _short_vector(values[:3])
+        deviations[k, :3] = _shortest_vector(values[:3])
     return replace(unknowns, base=base, deviations=deviations)
 
 
-def _short_vector(turn: Array) -> Array:
+def _shortest_vector(turn: Array) -> Array:
     """Return a rotation vector (3,) in rad with the same rotation, at most half a turn."""
     if np.linalg.norm(turn) <= np.pi:
         return turn

@@ -16,40 +16,40 @@ from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.statements import PlaceStatement
 from twin.core.spatial import Array
 
-_ROUNDS = 8
+_MAX_STEPS = 8
 """Maximum number of steps of the search for one value."""
 
-_SOLVED = 1e-9
+_SOLVED_RESIDUAL = 1e-9
 """Norm of a residual in m and rad at which the search ends."""
 
-_REDUCED = 0.9
+_MAX_REMAINING_SHARE = 0.9
 """Fraction of its norm to which a step must reduce the residual."""
 
-_DONE = 1e-10
+_CONVERGED_STEP = 1e-10
 """Step in m, rad or degrees after which the search ends."""
 
-_STEP = 1e-6
+_DIFFERENCE_STEP = 1e-6
 """Step in m, rad or degrees for derivatives by differences."""
 
-_WITHOUT_EFFECT = 1e-9
+_SMALLEST_DERIVATIVE = 1e-9
 """Derivative of the residual by a value below which the value moves nothing."""
 
-_RANK = 1e-9
+_RANK_RATIO = 1e-9
 """Smallest singular value, relative to the largest one, of directions in which a step may go."""
 
-_PROBE = 0.1
+_PROBE_CHANGE = 0.1
 """Change in m, rad or degrees that shows what a value moves."""
 
 _BETTER_STARTS = 2
 """Number of other values from which a search starts, those with the least residual."""
 
-_HALF_TURN = 1e-6
+_HALF_TURN_EXCESS = 1e-6
 """Relative excess over half a turn that is only rounding: 180 degrees stay as they are."""
 
-_DIGITS = range(1, 13)
+_DECIMALS = range(1, 13)
 """Numbers of decimals that are tried, fewest first, for the text of a new value."""
 
-_ROUNDING = 0.05
+_ROUNDING_SHARE = 0.05
 """Largest change by rounding, relative to the tolerance.
 
 Agreement after a change near the tolerance would be a coincidence: one more digit must not matter.
@@ -64,24 +64,24 @@ def solved_values(case: EditCase, statement: Statement, columns: Sequence[int], 
     if not case.moves_all(statement):
         return None
     # an axis along x, y or z only changes with its other components, or its sign
-    if statement.role != "axis" and not _reaches(case, statement, columns, before):
+    if statement.role != "axis" and not _moves_whole_residual(case, statement, columns, before):
         return None
     for start, r in _starts(case, statement, columns, before):
-        values = _improved(case, statement, columns, start, r)
+        values = _newton_values(case, statement, columns, start, r)
         if values is not None and _agrees_with(case, statement, values):
             return _rounded(case, statement, _wrapped(statement, columns, values), columns)
     return None
 
 
-def _reaches(case: EditCase, statement: Statement, columns: Sequence[int], before: Array) -> bool:
+def _moves_whole_residual(case: EditCase, statement: Statement, columns: Sequence[int], before: Array) -> bool:
     """Return whether all that remains depends on these numbers: what another value does not move, it cannot remove."""
     values = np.array(statement.values)
     # different changes: equal ones of two numbers could cancel each other
-    values[columns] += _PROBE * np.arange(1, len(columns) + 1)
+    values[columns] += _PROBE_CHANGE * np.arange(1, len(columns) + 1)
     side = statement.applied(case.side, values)
     if side is None:
         return False
-    is_unmoved = np.abs(case.residual(side) - before) < _WITHOUT_EFFECT * _PROBE
+    is_unmoved = np.abs(case.residual(side) - before) < _SMALLEST_DERIVATIVE * _PROBE_CHANGE
     return not np.any(is_unmoved & (np.abs(before) > case.problem.tolerance))
 
 
@@ -95,7 +95,7 @@ def _starts(
     values = np.array(statement.values)
     yield values, before
     better = []
-    for candidate in _candidates(statement, columns):
+    for candidate in _usual_values(statement, columns):
         side = statement.applied(case.side, candidate)
         if side is not None:
             r = case.residual(side)
@@ -107,7 +107,7 @@ def _starts(
         yield candidate, r
 
 
-def _candidates(statement: Statement, columns: Sequence[int]) -> list[Array]:
+def _usual_values(statement: Statement, columns: Sequence[int]) -> list[Array]:
     """Return the usual other values: opposite signs, directions along x, y and z, and quarter turns."""
     values = np.array(statement.values)
     candidates = []
@@ -121,10 +121,10 @@ def _candidates(statement: Statement, columns: Sequence[int]) -> list[Array]:
         if len(columns) == 3:
             candidates += [*np.eye(3), *-np.eye(3)]
         return candidates
-    angles = _angles(statement, columns)
+    angles = _angle_columns(statement, columns)
     if not angles:
         return candidates
-    quarter = np.pi / 2 / _unit(statement)
+    quarter = np.pi / 2 / _angle_unit(statement)
     if len(angles) == 1:
         for turns in (1, -1, 2):
             turned = values.copy()
@@ -140,7 +140,7 @@ def _candidates(statement: Statement, columns: Sequence[int]) -> list[Array]:
     return candidates
 
 
-def _angles(statement: Statement, columns: Sequence[int]) -> list[int]:
+def _angle_columns(statement: Statement, columns: Sequence[int]) -> list[int]:
     """Return which of some values are angles."""
     if isinstance(statement, CellStatement):
         return list(columns) if statement.is_angle else []
@@ -151,7 +151,7 @@ def _angles(statement: Statement, columns: Sequence[int]) -> list[int]:
     return []
 
 
-def _unit(statement: Statement) -> float:
+def _angle_unit(statement: Statement) -> float:
     """Return the unit of the angles of a statement in rad."""
     if isinstance(statement, PlaceStatement):
         return statement.turn.unit
@@ -161,23 +161,25 @@ def _unit(statement: Statement) -> float:
 def _wrapped(statement: Statement, columns: Sequence[int], values: Array) -> Array:
     """Return values whose changed angles are at most half a turn."""
     wrapped = values.copy()
-    turn = 2 * np.pi / _unit(statement)
-    for k in _angles(statement, columns):
-        if abs(wrapped[k]) > turn / 2 * (1 + _HALF_TURN):
+    turn = 2 * np.pi / _angle_unit(statement)
+    for k in _angle_columns(statement, columns):
+        if abs(wrapped[k]) > turn / 2 * (1 + _HALF_TURN_EXCESS):
             wrapped[k] -= turn * np.round(wrapped[k] / turn)
     return wrapped
 
 
-def _improved(case: EditCase, statement: Statement, columns: Sequence[int], start: Array, r: Array) -> Array | None:
+def _newton_values(
+    case: EditCase, statement: Statement, columns: Sequence[int], start: Array, r: Array
+) -> Array | None:
     """Return the values to which Newton steps lead, or None if the residual does not decrease."""
     values = start
-    for _ in range(_ROUNDS):
-        if np.linalg.norm(r) < _SOLVED:
+    for _ in range(_MAX_STEPS):
+        if np.linalg.norm(r) < _SOLVED_RESIDUAL:
             break
         J = _derivatives(case, statement, values, columns, r)
-        if J is None or not np.abs(J).max() > _WITHOUT_EFFECT:  # true also for NaN
+        if J is None or not np.abs(J).max() > _SMALLEST_DERIVATIVE:  # true also for NaN
             return None
-        step = np.linalg.lstsq(J, -r, rcond=_RANK)[0]
+        step = np.linalg.lstsq(J, -r, rcond=_RANK_RATIO)[0]
         values_tried = values.copy()
         values_tried[columns] += step
         side = statement.applied(case.side, values_tried)
@@ -185,13 +187,13 @@ def _improved(case: EditCase, statement: Statement, columns: Sequence[int], star
             return None
         r_tried = case.residual(side)
         # this number alone cannot remove the rest, or no further step helps
-        if np.linalg.norm(r_tried) > _REDUCED * np.linalg.norm(r):
+        if np.linalg.norm(r_tried) > _MAX_REMAINING_SHARE * np.linalg.norm(r):
             if np.linalg.norm(r) > case.problem.tolerance:
                 return None
             break
         values = values_tried
         r = r_tried
-        if np.abs(step).max() < _DONE:
+        if np.abs(step).max() < _CONVERGED_STEP:
             break
     return values
 
@@ -201,11 +203,11 @@ def _derivatives(case: EditCase, statement: Statement, values: Array, columns: S
     derivatives = []
     for k in columns:
         stepped = values.copy()
-        stepped[k] += _STEP
+        stepped[k] += _DIFFERENCE_STEP
         side = statement.applied(case.side, stepped)
         if side is None:
             return None
-        derivatives.append((case.residual(side) - r) / _STEP)
+        derivatives.append((case.residual(side) - r) / _DIFFERENCE_STEP)
     return np.array(derivatives).T
 
 
@@ -217,10 +219,10 @@ def _agrees_with(case: EditCase, statement: Statement, values: Array) -> bool:
 
 def _rounded(case: EditCase, statement: Statement, values: Array, columns: Sequence[int]) -> Array:
     """Return the values with as few decimals as are needed for agreement."""
-    for digits in _DIGITS:
+    for digits in _DECIMALS:
         rounded = values.copy()
         rounded[columns] = np.round(values[columns], digits)
-        if np.abs(rounded - values).max() >= _ROUNDING * case.problem.tolerance:
+        if np.abs(rounded - values).max() >= _ROUNDING_SHARE * case.problem.tolerance:
             continue
         if _agrees_with(case, statement, rounded):
             return rounded + 0.0  # 0.0 instead of -0.0

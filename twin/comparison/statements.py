@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 
 from twin.comparison.dh_statements import CellStatement
-from twin.comparison.side import Axis, RobotSide, plain
+from twin.comparison.side import Axis, RobotSide, plain_name
 from twin.core import spatial
 from twin.core.spatial import Array
 
 Role = Literal["shift", "turn", "axis"]
 
-_SHORTEST = 1e-9
+_SHORTEST_LENGTH = 1e-9
 """Length of a direction, or of a quaternion, below which it is none."""
 
 
@@ -50,12 +50,12 @@ class NumberStatement:
 
     def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with other numbers here; None without this link in the side, or for an axis of length 0."""
-        T_base_link = _frame(side, self.link)
+        T_base_link = _frame_of_link(side, self.link)
         if T_base_link is None:
             return None
         if self.role == "axis":
-            return self._turned(side, T_base_link, values)
-        step = self._step(values)
+            return self._with_axis(side, T_base_link, values)
+        step = self._link_motion(values)
         if step is None:
             return None
         motion = T_base_link @ step @ spatial.inverse(T_base_link)
@@ -69,28 +69,28 @@ class NumberStatement:
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
-            frames[name] = (group, motion @ T if plain(name) in self.links else T)
+            frames[name] = (group, motion @ T if plain_name(name) in self.links else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
     def moves(self, axis: Axis) -> bool:
         """Return whether other numbers move the line of a joint of the side."""
         return not self.joints.isdisjoint(_stated_names(axis))
 
-    def _turned(self, side: RobotSide, T_base_link: Array, values: Sequence[float] | Array) -> RobotSide | None:
+    def _with_axis(self, side: RobotSide, T_base_link: Array, values: Sequence[float] | Array) -> RobotSide | None:
         """Return the side with another direction of an axis, whose components are along those of the link."""
         length = float(np.linalg.norm(values))
-        if not length > _SHORTEST:  # true also for NaN
+        if not length > _SHORTEST_LENGTH:  # true also for NaN
             return None
         # files state directions of any length
         direction = T_base_link[:3, :3] @ (np.asarray(values, float) / length)
         axes = []
         for axis in side.axes:
-            if plain(axis.name) in self.joints:
+            if plain_name(axis.name) in self.joints:
                 axis = replace(axis, direction=direction)
             axes.append(axis)
         return replace(side, axes=tuple(axes))
 
-    def _step(self, values: Sequence[float] | Array) -> Array | None:
+    def _link_motion(self, values: Sequence[float] | Array) -> Array | None:
         """Return the motion (4, 4) of the link in its own frame if the numbers change to `values`."""
         if self.role == "turn":
             old = self.rotation(self.values)
@@ -111,13 +111,13 @@ class NumberStatement:
     def rotation(self, values: Sequence[float] | Array) -> Array | None:
         """Return the rotation (3, 3) that a "turn" would state with other numbers; None if they are no rotation."""
         if self.kind == "quat":
-            if not np.linalg.norm(values) > _SHORTEST:
+            if not np.linalg.norm(values) > _SHORTEST_LENGTH:
                 return None
             return spatial.matrix_from_quat_wxyz(values)
         angles = np.asarray(values, float) * self.unit
         if self.kind == "rpy":
-            return _product(angles[::-1], "zyx")
-        return _product(angles, self.kind.removeprefix("euler:"))
+            return _rotation_product(angles[::-1], "zyx")
+        return _rotation_product(angles, self.kind.removeprefix("euler:"))
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class PlaceStatement:
     @property
     def what(self) -> str:
         """The element, such as "joint 'a' origin"."""
-        return _element(self.shift)
+        return _element_name(self.shift)
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -167,24 +167,24 @@ class PlaceStatement:
         return replace(self.shift, R_parent_link=R_parent_link).applied(turned, values[:3])
 
 
-def places(statements: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
+def place_statements_of(statements: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
     """Return the elements that state position and rotation."""
     place_statements = []
     for shift, turn in itertools.pairwise(statements):
         if not isinstance(shift, NumberStatement) or not isinstance(turn, NumberStatement):
             continue
-        if (shift.role, turn.role) == ("shift", "turn") and _element(shift) == _element(turn):
+        if (shift.role, turn.role) == ("shift", "turn") and _element_name(shift) == _element_name(turn):
             place_statements.append(PlaceStatement(shift, turn))
     return place_statements
 
 
-def _element(statement: NumberStatement) -> str:
+def _element_name(statement: NumberStatement) -> str:
     """Return the element of a statement, such as "joint 'a' origin"."""
     element, _, _ = statement.what.rpartition(" ")
     return element
 
 
-def _product(angles: Array, sequence: str) -> Array:
+def _rotation_product(angles: Array, sequence: str) -> Array:
     """Return the product (3, 3) of rotations about axes: lower case about moving axes, upper case about fixed axes."""
     numbers = list(map("xyz".index, sequence.lower()))
     axes = np.eye(3)[numbers]
@@ -200,12 +200,12 @@ def _product(angles: Array, sequence: str) -> Array:
 
 def _stated_names(axis: Axis) -> set[str]:
     """Return the plain names of the joints that the file states for a joint: its parts, or itself."""
-    return set(axis.parts) or {plain(axis.name)}
+    return set(axis.merged_names) or {plain_name(axis.name)}
 
 
-def _frame(side: RobotSide, link: str) -> Array | None:
+def _frame_of_link(side: RobotSide, link: str) -> Array | None:
     """Return T_base_link (4, 4) of a link, given by its plain name; None if the side does not have it."""
     for name, (_, T) in side.frames.items():
-        if plain(name) == link:
+        if plain_name(name) == link:
             return T
     return None

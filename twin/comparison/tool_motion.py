@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.comparison.coupled_motion import followed_of
-from twin.comparison.side import ONE_COORDINATE, RobotSide, joint_motion
+from twin.comparison.coupled_motion import followers_of
+from twin.comparison.side import ONE_COORDINATE_KINDS, RobotSide, joint_motion
 from twin.comparison.tool_path import path_to_tool
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -77,15 +77,15 @@ class ChainMotion:
         self.count = len(self.path)
         self.has_values = np.zeros(self.count, bool)
         self._displacements = np.zeros((len(q), self.count))
-        self._kept_motions: dict[tuple[int, float], Array] = {}
-        self._M = side.frames[side.tool][1]
+        self._motions_without_zero: dict[tuple[int, float], Array] = {}
+        self._T_base_tool_drawn = side.frames[side.tool][1]
         values = _stated_values(side, q)
         states = np.zeros((len(q), len(side.axes)))
         for i, axis in enumerate(side.axes):
             states[:, i] = values.get(axis.name, axis.drawn)
-        coupled = followed_of(side)
+        coupled = followers_of(side)
         for k, axis in enumerate(self.path):
-            if axis.kind not in ONE_COORDINATE:
+            if axis.kind not in ONE_COORDINATE_KINDS:
                 raise TwinError(
                     f"{side.label}: joint '{axis.name}' has several coordinates: rows of poses cannot hold it"
                 )
@@ -102,7 +102,7 @@ class ChainMotion:
             across = spatial.unit_across(axis.direction)
             self._joint_frames.append(spatial.frame_from_axes(axis.direction, across))
 
-    def place(self, joint: int, values: Array) -> Array:
+    def place_motion(self, joint: int, values: Array) -> Array:
         """Return the motion (4, 4) of a joint on its parent link.
 
         `values` (6,) are a rotation vector in rad and a shift in m, both in the frame of the joint.
@@ -118,30 +118,30 @@ class ChainMotion:
         Args:
             signs: (count,) 1 or -1.
             zeros: (count,) in m or rad.
-            places: {number of a joint: values (6,) as in `place`}.
+            places: {number of a joint: values (6,) as in `place_motion`}.
         """
         T = np.broadcast_to(np.eye(4), (len(self._displacements), 4, 4))
         for k in range(self.count):
             if k in places:
-                T = T @ self.place(k, places[k])
-            T = T @ self._motion(k, float(signs[k]), float(zeros[k]))
-        return T @ self._M
+                T = T @ self.place_motion(k, places[k])
+            T = T @ self._joint_motions(k, float(signs[k]), float(zeros[k]))
+        return T @ self._T_base_tool_drawn
 
-    def _motion(self, joint: int, sign: float, zero: float) -> Array:
+    def _joint_motions(self, joint: int, sign: float, zero: float) -> Array:
         """Return the motions (k, 4, 4) of a joint; those without a zero are kept, as they are needed most often."""
         displacements = self._displacements[:, joint]
         if zero:
             return joint_motion(self.path[joint], sign * displacements + zero)
         key = (joint, sign)
-        if key not in self._kept_motions:
-            self._kept_motions[key] = joint_motion(self.path[joint], sign * displacements)
-        return self._kept_motions[key]
+        if key not in self._motions_without_zero:
+            self._motions_without_zero[key] = joint_motion(self.path[joint], sign * displacements)
+        return self._motions_without_zero[key]
 
 
 def _stated_values(side: RobotSide, q: Array) -> dict[str, Array]:
     """Return {driven joint: its values (k,)} of the joints of which the rows q (k, driven joints) have all values."""
     stated = {}
-    for i, name in enumerate(side.order):
+    for i, name in enumerate(side.driven_joints):
         if np.isfinite(q[:, i]).all():
             stated[name] = q[:, i]
     return stated

@@ -28,7 +28,7 @@ def joints_beside_tool(side: RobotSide) -> list[Axis]:
     hanging: set[int] = set()
     for group in range(len(side.groups)):
         # what one group cuts off from both the base and the tool hangs on this group
-        reached = _reached(side, {0, tool_group} - {group}, without=group)
+        reached = _connected_groups(side, {0, tool_group} - {group}, without=group)
         hanging |= set(range(len(side.groups))) - reached - {group}
     beside = []
     for axis in side.axes:
@@ -37,7 +37,7 @@ def joints_beside_tool(side: RobotSide) -> list[Axis]:
     return beside
 
 
-def _reached(side: RobotSide, starts: set[int], *, without: int) -> set[int]:
+def _connected_groups(side: RobotSide, starts: set[int], *, without: int) -> set[int]:
     """Return the groups that joints connect with some groups, if one group is taken out."""
     reached = set(starts)
     grows = True

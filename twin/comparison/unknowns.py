@@ -49,7 +49,7 @@ class Unknowns:
     deviations: Array | None = None
 
     @property
-    def flips(self) -> tuple[int, ...]:
+    def flipped_joints(self) -> tuple[int, ...]:
         """Indices of the joints that turn the other way."""
         return tuple(np.flatnonzero(self.signs < 0).tolist())
 

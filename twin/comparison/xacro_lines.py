@@ -12,7 +12,7 @@ _EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
 _INDEX = re.compile(r"\[(\d+)\]$")
 """Index of the edited number among those of its attribute, at the end of the name of a number: "origin xyz[2]"."""
 
-_ROUNDING = 1e-11
+_ROUNDING_RATIO = 1e-11
 """Relative difference of two texts of one number: the old text of an edit has twelve digits."""
 
 
@@ -50,16 +50,16 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
     match = _INDEX.search(what)
     if match is not None:
         index = int(match.group(1))
-    text = _attribute(text, _INDEX.sub("", what))
+    text = _attribute_text(text, _INDEX.sub("", what))
     # An expression becomes a word that is not a number, also where digits or a sign stand beside it, as in "1${a}".
-    if _states(_EXPRESSION.sub("$", text), old.split(), index):
+    if _holds_numbers(_EXPRESSION.sub("$", text), old.split(), index):
         return ""
     if _EXPRESSION.search(text):
         return f"line {line} holds an expression"
     return f"line {line} does not state it"
 
 
-def _attribute(text: str, name: str) -> str:
+def _attribute_text(text: str, name: str) -> str:
     """Return the value of the attribute in a line; "" if the line does not have it.
 
     `name` ends with element and attribute, as "origin xyz".
@@ -80,7 +80,7 @@ def _attribute(text: str, name: str) -> str:
     return match.group(2)
 
 
-def _states(text: str, numbers: list[str], index: int) -> bool:
+def _holds_numbers(text: str, numbers: list[str], index: int) -> bool:
     """Return whether a text has these numbers, one after another, from the word `index` on."""
     values: list[float | None] = []
     for word in re.split(r"[\s,]+", text.strip()):
@@ -96,6 +96,6 @@ def _states(text: str, numbers: list[str], index: int) -> bool:
 def _are_same(values: list[float | None], stated: list[float]) -> bool:
     """Return whether the words of a text, None for those that are no number, are these numbers."""
     for value, number in zip(values, stated, strict=True):
-        if value is None or abs(value - number) > _ROUNDING * abs(number):
+        if value is None or abs(value - number) > _ROUNDING_RATIO * abs(number):
             return False
     return True

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.comparison.comparison_result import Comparison
-from twin.comparison.poses import PoseFit
+from twin.comparison.pose_comparison import PoseFit
 from twin.comparison.side import RobotSide
 from twin.comparison.side_pair import SidePair
 from twin.core import spatial
@@ -91,8 +91,8 @@ def _worst_distance(pair: SidePair) -> float:
 
 def _measured(side: RobotSide, fit: PoseFit) -> Array:
     """Return the tool positions (k, 3) in m of rows of poses, in the base frame of the robot."""
-    assert side.sampled is not None
-    T = spatial.inverse(fit.base) @ side.sampled().T @ spatial.inverse(fit.tool)
+    assert side.sample_poses is not None
+    T = spatial.inverse(fit.base) @ side.sample_poses().T @ spatial.inverse(fit.tool)
     return T[:, :3, 3]
 
 
@@ -104,7 +104,7 @@ def _beside(points: Array, lines: Array, others: Array) -> Array:
 
 def _joint_points(side: RobotSide, X: Array) -> Array:
     """Return the places (n, 3) in m, moved by X, of all joints of a robot with loops, as drawn; none without loops."""
-    if not side.looped:
+    if not side.has_loops:
         return np.zeros((0, 3))
     points = np.array([axis.point for axis in side.axes])
     return points @ X[:3, :3].T + X[:3, 3]
@@ -119,7 +119,7 @@ def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> tuple[Array, A
     displacements = np.zeros((1, len(tree)))
     for k, axis in enumerate(tree):
         displacements[0, k] = q.get(axis.name, axis.drawn) - axis.drawn
-    motions = X @ side.poses(displacements)[0]
+    motions = X @ side.group_motions(displacements)[0]
     group, T_tool = side.frames[side.tool]
     # from the tool down to the base
     above = {axis.child: axis for axis in tree}

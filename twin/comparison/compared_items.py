@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.comparison.convention_sizes import is_base_moved, moved_zeros, zero_of
 from twin.comparison.fit_problem import FitProblem
-from twin.comparison.frames import FrameGap, carriers, gaps
+from twin.comparison.frame_gaps import FrameGap, carrier_of_groups, frame_gaps
 from twin.comparison.line_gaps import FitSolution
 from twin.comparison.matching import Matching
 from twin.comparison.unknowns import Unknowns
@@ -19,10 +19,10 @@ from twin.core.quantity import deg, mm, moved
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-_PARALLEL = 1e-6
+_PARALLEL_SINE = 1e-6
 """Sine of the angle of two lines below which they are parallel."""
 
-_NOTHING = 1e-9
+_SMALLEST_SHOWN = 1e-9
 """Length in m, angle in rad, or part of a unit vector that is not told."""
 
 
@@ -115,19 +115,19 @@ class ComparedItem:
         }
 
 
-def items(problem: FitProblem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
+def compared_items(problem: FitProblem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
     """Return the conventions and the differences of a solution, differences last."""
     unknowns = solution.unknowns
-    items_of_solution = _names(problem, matching)
-    items_of_solution += _base(problem, unknowns)
-    items_of_solution += _joints(problem, unknowns)
-    items_of_solution += _tools(problem, unknowns)
-    items_of_solution += _links(problem, unknowns)
+    items_of_solution = _name_items(problem, matching)
+    items_of_solution += _base_items(problem, unknowns)
+    items_of_solution += _joint_items(problem, unknowns)
+    items_of_solution += _tool_items(problem, unknowns)
+    items_of_solution += _link_items(problem, unknowns)
     return items_of_solution
 
 
-def _names(problem: FitProblem, matching: Matching) -> list[ComparedItem]:
-    """Return an item for each pair of joints with other names, one for another order, and those of `_drives`."""
+def _name_items(problem: FitProblem, matching: Matching) -> list[ComparedItem]:
+    """Return an item for each pair of joints with other names, one for another order, and those of `_drive_items`."""
     items_of_names = []
     for first, second in matching.renamed:
         text = f"joint '{first}' of {problem.first.label} is joint '{second}' of {problem.second.label}"
@@ -137,10 +137,10 @@ def _names(problem: FitProblem, matching: Matching) -> list[ComparedItem]:
         partners[axis.name] = partner.name
     # of the joints that motors of both sides drive, with the names of the second side
     driven_by_first = []
-    for name in problem.first.order:
+    for name in problem.first.driven_joints:
         if name in partners:
             driven_by_first.append(partners[name])
-    order_of_second = [name for name in problem.second.order if name in driven_by_first]
+    order_of_second = [name for name in problem.second.driven_joints if name in driven_by_first]
     order_of_first = [name for name in driven_by_first if name in order_of_second]
     if order_of_first != order_of_second:
         text = (
@@ -148,20 +148,20 @@ def _names(problem: FitProblem, matching: Matching) -> list[ComparedItem]:
             f"{', '.join(order_of_second)} in {problem.second.label}"
         )
         items_of_names.append(ComparedItem("order", "", text))
-    items_of_names += _drives(problem)
+    items_of_names += _drive_items(problem)
     return items_of_names
 
 
-def _drives(problem: FitProblem) -> list[ComparedItem]:
+def _drive_items(problem: FitProblem) -> list[ComparedItem]:
     """Return an item for each joint that one side drives as several joints, while no motor of the other drives it."""
     items_of_drives = []
     for i, axis in enumerate(problem.axes):
         partner = problem.second.axes[i]
-        if axis.active == partner.active or axis.closing or not (axis.joined or partner.joined):
+        if axis.active == partner.active or axis.closes_loop or not (axis.merged_axes or partner.merged_axes):
             continue
         driven = problem.second if partner.active else problem.first
         passive = problem.first if partner.active else problem.second
-        parts = (*axis.joined, *partner.joined)
+        parts = (*axis.merged_axes, *partner.merged_axes)
         part_names = [part.name for part in parts]
         text = (
             f"motors of {driven.label} drive joint '{partner.name}' ({', '.join(part_names)}), "
@@ -171,24 +171,23 @@ def _drives(problem: FitProblem) -> list[ComparedItem]:
     return items_of_drives
 
 
-def _base(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
+def _base_items(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return the moved base frame as an item in a list; [] if it is not moved."""
     if not is_base_moved(problem, unknowns):
         return []
     shift = unknowns.base[3:]
     turn = unknowns.base[:3]
-    text = (
-        f"the base frame of {problem.first.label} is moved by {placed(shift, turn)} in that of {problem.second.label}"
-    )
+    size = shift_and_turn_text(shift, turn)
+    text = f"the base frame of {problem.first.label} is moved by {size} in that of {problem.second.label}"
     link = problem.second.groups[0].bodies[0]
     length = float(np.linalg.norm(shift))
     return [ComparedItem("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
 
 
-def _joints(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
+def _joint_items(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each joint with another sign, then for each with another zero."""
     items_of_joints = []
-    for i in unknowns.flips:
+    for i in unknowns.flipped_joints:
         name = problem.second.axes[i].name
         text = f"joint '{name}' turns the other way"
         if problem.kinds[i] == "prismatic":
@@ -209,10 +208,10 @@ def _joints(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     return items_of_joints
 
 
-def _tools(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
+def _tool_items(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each leaf link whose frames are moved; the size is that of the first frame."""
     moved_frames: dict[int, list[FrameGap]] = {}
-    for gap in gaps(problem, unknowns):
+    for gap in frame_gaps(problem, unknowns):
         if gap.leaf and gap.differs(problem):
             moved_frames.setdefault(gap.joint, []).append(gap)
     items_of_tools = []
@@ -226,16 +225,15 @@ def _tools(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
         shift = gap.T[:3, 3]
         turn = spatial.log_so3(gap.T[:3, :3])
         noun = "frame" if len(frames) == 1 else "frames"
-        text = (
-            f"{noun} {names} of {problem.first.label} moved by {placed(shift, turn)} in that of {problem.second.label}"
-        )
+        size = shift_and_turn_text(shift, turn)
+        text = f"{noun} {names} of {problem.first.label} moved by {size} in that of {problem.second.label}"
         name = problem.second.axes[joint].name
         length = float(np.linalg.norm(shift))
         items_of_tools.append(ComparedItem("tool frame", name, text, gap.name, length, float(np.linalg.norm(turn))))
     return items_of_tools
 
 
-def _links(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
+def _link_items(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each deviating joint: its place on its parent link, or its axis alone."""
     items_of_links = []
     for k, deviation in enumerate(unknowns.deviating):
@@ -247,18 +245,18 @@ def _links(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
         turn = problem.frames[i] @ values[:3]
         shift = problem.frames[i] @ values[3:]
         link = problem.second.groups[second.parent].bodies[-1]
-        text = f"the place of joint '{second.name}' on link '{link}' differs by {placed(shift, turn)}"
+        text = f"the place of joint '{second.name}' on link '{link}' differs by {shift_and_turn_text(shift, turn)}"
         if deviation.axis_only:
-            text = f"the axis of joint '{second.name}' on link '{link}' is turned by {placed(shift, turn)}"
-        before = carriers(problem).get(axis.parent)
+            text = f"the axis of joint '{second.name}' on link '{link}' is turned by {shift_and_turn_text(shift, turn)}"
+        before = carrier_of_groups(problem).get(axis.parent)
         if before is not None:
-            text += f" ({_between(problem, before, i)})"
+            text += f" ({_line_distances_text(problem, before, i)})"
         length = float(np.linalg.norm(shift))
         items_of_links.append(ComparedItem("link", second.name, text, link, length, float(np.linalg.norm(turn))))
     return items_of_links
 
 
-def _between(problem: FitProblem, i: int, k: int) -> str:
+def _line_distances_text(problem: FitProblem, i: int, k: int) -> str:
     """Return the distance and the angle of the lines of two joints of one link in both sides."""
     name = problem.second.axes[i].name
     parts = []
@@ -279,38 +277,38 @@ def line_distance(p_first: Array, d_first: Array, p_second: Array, d_second: Arr
     sine = float(np.linalg.norm(normal))
     between = p_second - p_first
     angle = float(np.arctan2(sine, d_first @ d_second))
-    if sine < _PARALLEL:
+    if sine < _PARALLEL_SINE:
         return float(np.linalg.norm(np.cross(between, d_first))), angle
     return abs(float(between @ normal)) / sine, angle
 
 
-def placed(shift: Array, turn: Array) -> str:
+def shift_and_turn_text(shift: Array, turn: Array) -> str:
     """Return a shift (3,) in m and a rotation vector (3,) in rad as text."""
     length = float(np.linalg.norm(shift))
     angle = float(np.linalg.norm(turn))
     parts = []
-    if length > _NOTHING:
-        parts.append(f"{mm(length)} along {_direction(shift / length)}")
-    if angle > _NOTHING:
-        parts.append(f"{deg(angle)} about {_direction(turn / angle)}")
+    if length > _SMALLEST_SHOWN:
+        parts.append(f"{mm(length)} along {_direction_text(shift / length)}")
+    if angle > _SMALLEST_SHOWN:
+        parts.append(f"{deg(angle)} about {_direction_text(turn / angle)}")
     return " and ".join(parts) or "nothing"
 
 
-def placed_by(T: Array) -> str:
+def motion_text(T: Array) -> str:
     """Return a motion (4, 4) as text."""
-    return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
+    return shift_and_turn_text(T[:3, 3], spatial.log_so3(T[:3, :3]))
 
 
-def moved_frame(kind: str, text: str, T: Array) -> ComparedItem:
+def frame_item(kind: str, text: str, T: Array) -> ComparedItem:
     """Return the convention of a frame that is moved by T (4, 4)."""
     shift = float(np.linalg.norm(T[:3, 3]))
     return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
 
 
-def _direction(unit: Array) -> str:
+def _direction_text(unit: Array) -> str:
     """Return a unit vector (3,) as text: the name of an axis, or its components."""
     for i, name in enumerate("xyz"):
-        if abs(unit[i]) > 1 - _NOTHING:
+        if abs(unit[i]) > 1 - _SMALLEST_SHOWN:
             sign = "-" if unit[i] < 0 else ""
             return f"{sign}{name}"
     rounded = np.round(unit, 3) + 0.0  # without the sign of -0.0

@@ -24,14 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.comparison.fit_problem import ANGLE_PER_LENGTH
-from twin.comparison.side import Axis, JointGroup, RobotSide, common_beginning, plain
+from twin.comparison.side import Axis, JointGroup, RobotSide, common_prefix, plain_name
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-_APART = 1e-3
+_SMALLEST_SEPARATION = 1e-3
 """Smallest distance in m of two points that determine the direction of a line."""
 
-_NUMBER = re.compile(r"_[0-9]+$")
+_NUMBER_SUFFIX = re.compile(r"_[0-9]+$")
 """End of the name of a closing joint that numbers its points."""
 
 
@@ -43,7 +43,7 @@ class _JointParts:
     merged: Axis
 
 
-def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSide:
+def with_merged_joints(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSide:
     """Return the side with its joints as the other side writes them.
 
     Args:
@@ -53,19 +53,23 @@ def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSid
     """
     joined_side = side
     # balls first: a hinge of a ball is no part of a cylinder
-    for kind, parts_of in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
+    for kind, parts_of in (
+        ("spherical", _ball_candidates),
+        ("cylindrical", _cylinder_candidates),
+        ("revolute", _closing_hinge_candidates),
+    ):
         joined_side = _with_merged(joined_side, other_side, kind, list(parts_of(joined_side, tolerance)), tolerance)
     reread_parts = side.reread
     if joined_side is side or reread_parts is None:
-        return _without_numbers(joined_side, other_side)
+        return _without_name_numbers(joined_side, other_side)
 
     def reread(data: bytes) -> RobotSide:
-        side_read_again = joined(reread_parts(data), other_side, tolerance)
+        side_read_again = with_merged_joints(reread_parts(data), other_side, tolerance)
         if len(side_read_again.axes) != len(joined_side.axes):
             raise TwinError(f"{side.label}: with this number, joints are no longer parts of one")
         return side_read_again
 
-    return _without_numbers(replace(joined_side, reread=reread), other_side)
+    return _without_name_numbers(replace(joined_side, reread=reread), other_side)
 
 
 def _with_merged(
@@ -73,10 +77,10 @@ def _with_merged(
 ) -> RobotSide:
     """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
     names = set()
-    for axis in _axes_of(other_side, _of_kind(other_side, kind)):
-        names.add(plain(axis.name))
+    for axis in _axes_at(other_side, _of_kind(other_side, kind)):
+        names.add(plain_name(axis.name))
     # those whose name the other side knows first
-    ordered = sorted(candidates, key=lambda parts: plain(parts.merged.name) not in names)
+    ordered = sorted(candidates, key=lambda parts: plain_name(parts.merged.name) not in names)
     missing = _missing_count(side, other_side, kind)
     chosen: list[_JointParts] = []
     used_joints: set[int] = set()
@@ -91,8 +95,8 @@ def _with_merged(
         replacements.append((part_names, parts.merged))
     for part_names, merged_joint in replacements:
         if kind == "revolute":
-            merged_joint = _as_parallel(merged_joint, side, other_side, tolerance)
-        side = _replaced(side, part_names, merged_joint)
+            merged_joint = _parallel_to_neighbour(merged_joint, side, other_side, tolerance)
+        side = _with_one_joint(side, part_names, merged_joint)
     return side
 
 
@@ -102,7 +106,7 @@ def _missing_count(side: RobotSide, other_side: RobotSide, kind: str) -> int:
     if kind != "revolute":
         return missing
     # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
-    return max(missing, len(_closing(other_side, kind)) - len(_closing(side, kind)))
+    return max(missing, len(_closing_of_kind(other_side, kind)) - len(_closing_of_kind(side, kind)))
 
 
 def _of_kind(side: RobotSide, kind: str) -> list[int]:
@@ -114,16 +118,16 @@ def _of_kind(side: RobotSide, kind: str) -> list[int]:
     return indices
 
 
-def _closing(side: RobotSide, kind: str) -> list[int]:
+def _closing_of_kind(side: RobotSide, kind: str) -> list[int]:
     """Return the indices of the joints of a type that close loops."""
     indices = []
     for i, axis in enumerate(side.axes):
-        if axis.kind == kind and axis.closing:
+        if axis.kind == kind and axis.closes_loop:
             indices.append(i)
     return indices
 
 
-def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> RobotSide:
+def _with_one_joint(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> RobotSide:
     """Return the side with one joint instead of several; the links between them are parts of the last link."""
     indices = [side.index(name) for name in parts]
     first = side.axes[indices[0]]
@@ -133,7 +137,7 @@ def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> Robo
     inner_groups = []
     for i in indices[:-1]:
         inner_groups.append(side.axes[i].child)
-    if merged_joint.closing:
+    if merged_joint.closes_loop:
         child = first.child
         inner_groups = []  # points that close a loop have no links between them
     merged_joint = replace(merged_joint, parent=first.parent, child=child)
@@ -143,8 +147,8 @@ def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> Robo
             axes.append(merged_joint)
         elif i not in indices:
             axes.append(axis)
-    order = [name for name in side.order if name not in parts]
-    joined_side = replace(side, axes=tuple(axes), order=tuple(order))
+    driven_joints = [name for name in side.driven_joints if name not in parts]
+    joined_side = replace(side, axes=tuple(axes), driven_joints=tuple(driven_joints))
     return _without_groups(joined_side, inner_groups, last.child)
 
 
@@ -183,11 +187,11 @@ def _with_mass_of(outer: JointGroup, inner: JointGroup) -> JointGroup:
 # -- what can be joined -------------------------------------------------------------------------------
 
 
-def _axes_of(side: RobotSide, indices: Sequence[int]) -> list[Axis]:
+def _axes_at(side: RobotSide, indices: Sequence[int]) -> list[Axis]:
     return [side.axes[i] for i in indices]
 
 
-def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
+def _link_chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
     """Yield the indices of joints one behind another whose links between them carry nothing else."""
     coupled: set[str] = set()
     for coupling in side.couplings:
@@ -206,10 +210,10 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
         carrying.add(tool_group)
     behind: dict[int, int] = {}
     for i, axis in enumerate(side.axes):
-        if not axis.closing:
+        if not axis.closes_loop:
             behind[axis.parent] = i
     for start, axis in enumerate(side.axes):
-        if axis.closing:
+        if axis.closes_loop:
             continue
         chain = [start]
         while len(chain) < length:
@@ -223,10 +227,10 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
             yield tuple(chain)
 
 
-def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+def _ball_candidates(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield three hinges through one point, each at right angles to the next: they turn a link about all axes."""
-    for chain in _chains(side, 3):
-        axes = _axes_of(side, chain)
+    for chain in _link_chains(side, 3):
+        axes = _axes_at(side, chain)
         if {axis.kind for axis in axes} != {"revolute"}:
             continue
         # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
@@ -237,16 +241,16 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         if max(cosine, cosine_behind) > ANGLE_PER_LENGTH * tolerance:
             continue
         centre = _nearest_point(axes)
-        farthest = max(_distance(centre, axis) for axis in axes)
+        farthest = max(_distance_from_line(centre, axis) for axis in axes)
         if farthest > tolerance:
             continue
         yield _JointParts(chain, _merged_joint(axes, "spherical", centre, axes[0].direction))
 
 
-def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+def _cylinder_candidates(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield a hinge and a slide on one line."""
-    for chain in _chains(side, 2):
-        axes = _axes_of(side, chain)
+    for chain in _link_chains(side, 2):
+        axes = _axes_at(side, chain)
         hinge, slide = axes
         if hinge.kind == "prismatic":  # files write the two in either order
             hinge, slide = slide, hinge
@@ -258,46 +262,46 @@ def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         yield _JointParts(chain, _merged_joint(axes, "cylindrical", hinge.point, hinge.direction))
 
 
-def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
+def _closing_hinge_candidates(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield two balls that close a loop between the same two links."""
     pairs: dict[frozenset[int], list[int]] = {}
-    for i in _closing(side, "spherical"):
+    for i in _closing_of_kind(side, "spherical"):
         axis = side.axes[i]
         pairs.setdefault(frozenset((axis.parent, axis.child)), []).append(i)
     for indices in pairs.values():
         if len(indices) != 2:  # with a third point that is not on the line, the links are fixed to each other
             continue
-        axes = _axes_of(side, indices)
+        axes = _axes_at(side, indices)
         # which way along this line is positive, no format says: `directed` is False
         between = axes[1].point - axes[0].point
         distance = float(np.linalg.norm(between))
-        if distance < _APART:
+        if distance < _SMALLEST_SEPARATION:
             continue
         middle = (axes[0].point + axes[1].point) / 2
-        hinge = replace(_merged_joint(axes, "revolute", middle, between / distance), directed=False)
+        hinge = replace(_merged_joint(axes, "revolute", middle, between / distance), is_directed=False)
         yield _JointParts(tuple(indices), hinge)
 
 
-def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance: float) -> Axis:
+def _parallel_to_neighbour(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance: float) -> Axis:
     """Return a hinge through two points, parallel to the hinge to which it is parallel in the other side.
 
     Rounded points that are near to each other say little about the direction of their line. Where the other side has
     two parallel hinges on a link, and both points are within the tolerance of such a line here, this line is meant.
     """
-    distance = float(np.linalg.norm(hinge.joined[1].point - hinge.joined[0].point))
+    distance = float(np.linalg.norm(hinge.merged_axes[1].point - hinge.merged_axes[0].point))
     own_hinges: dict[str, Axis] = {}
-    for axis in _axes_of(side, _of_kind(side, "revolute")):
-        own_hinges[plain(axis.name)] = axis
-    other_hinges = _axes_of(other_side, _of_kind(other_side, "revolute"))
+    for axis in _axes_at(side, _of_kind(side, "revolute")):
+        own_hinges[plain_name(axis.name)] = axis
+    other_hinges = _axes_at(other_side, _of_kind(other_side, "revolute"))
     partners = []
     for axis in other_hinges:
-        if plain(axis.name) == plain(hinge.name):
+        if plain_name(axis.name) == plain_name(hinge.name):
             partners.append(axis)
     if len(partners) != 1:
         return hinge
     partner = partners[0]
     for axis in other_hinges:
-        neighbour = own_hinges.get(plain(axis.name))
+        neighbour = own_hinges.get(plain_name(axis.name))
         if axis is partner or neighbour is None:
             continue
         if {axis.parent, axis.child}.isdisjoint((partner.parent, partner.child)):
@@ -314,14 +318,14 @@ def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance:
 def _merged_joint(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
     """Return the joint that several stand for, with the common beginning of their names."""
     first = axes[0]
-    stem = common_beginning([axis.name for axis in axes])
+    stem = common_prefix([axis.name for axis in axes])
     name = stem.rstrip("_") or first.name
-    child = first.child if first.closing else axes[-1].child
+    child = first.child if first.closes_loop else axes[-1].child
     active = any(axis.active for axis in axes)
-    distance, angle = np.max([axis.opened for axis in axes], axis=0).tolist()
-    opened_at = ""
+    distance, angle = np.max([axis.opening for axis in axes], axis=0).tolist()
+    open_weld = ""
     for axis in axes:
-        opened_at = opened_at or axis.opened_at
+        open_weld = open_weld or axis.open_weld
     return Axis(
         name,
         kind,
@@ -330,11 +334,11 @@ def _merged_joint(axes: Sequence[Axis], kind: str, point: Array, direction: Arra
         point,
         direction,
         0.0,
-        first.closing,
+        first.closes_loop,
         active,
-        joined=tuple(axes),
-        opened=(distance, angle),
-        opened_at=opened_at,
+        merged_axes=tuple(axes),
+        opening=(distance, angle),
+        open_weld=open_weld,
     )
 
 
@@ -349,7 +353,7 @@ def _nearest_point(axes: Sequence[Axis]) -> Array:
     return np.asarray(np.linalg.solve(total, weighted), float)
 
 
-def _distance(point: Array, axis: Axis) -> float:
+def _distance_from_line(point: Array, axis: Axis) -> float:
     """Return the distance in m of a point (3,) from the line of a joint."""
     return float(np.linalg.norm(np.cross(point - axis.point, axis.direction)))
 
@@ -357,20 +361,20 @@ def _distance(point: Array, axis: Axis) -> float:
 # -- names --------------------------------------------------------------------------------------------
 
 
-def _without_numbers(side: RobotSide, other_side: RobotSide) -> RobotSide:
+def _without_name_numbers(side: RobotSide, other_side: RobotSide) -> RobotSide:
     """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
-    own_names = set(map(plain, side.joint_names))
+    own_names = set(map(plain_name, side.joint_names))
     names_of_other: dict[str, str] = {}
     for name in other_side.joint_names:
-        names_of_other[plain(name)] = name
+        names_of_other[plain_name(name)] = name
     axes = []
     for axis in side.axes:
-        stem = _NUMBER.sub("", axis.name)
-        partner = names_of_other.get(plain(stem))
-        is_numbered = axis.closing and stem != axis.name
-        is_free = plain(axis.name) not in names_of_other and plain(stem) not in own_names
+        stem = _NUMBER_SUFFIX.sub("", axis.name)
+        partner = names_of_other.get(plain_name(stem))
+        is_numbered = axis.closes_loop and stem != axis.name
+        is_free = plain_name(axis.name) not in names_of_other and plain_name(stem) not in own_names
         if is_numbered and is_free and partner:
             axis = replace(axis, name=partner)
-            own_names.add(plain(stem))
+            own_names.add(plain_name(stem))
         axes.append(axis)
     return replace(side, axes=tuple(axes))

@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.comparison.fewest_changes import fewest_changes
 from twin.comparison.row_columns import joint_values, require_common_range, without_followers
-from twin.comparison.row_fit import LEVER, RowFit, RowState, frames_of
+from twin.comparison.row_fit import LEVER, RowFit, RowState, base_and_tool
 from twin.comparison.row_noise import RowNoise
 from twin.comparison.side import JointGroup, PoseRows, RobotSide, joint_motion
 from twin.comparison.tool_motion import ChainMotion, FixedMotion, columns_of
@@ -24,10 +24,10 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-_NEEDED = 4.0
+_NEEDED_DEVIATIONS = 4.0
 """A fitted number that is smaller than this multiple of its standard deviation is not needed."""
 
-_CLOSED = 0.5
+_SMALLEST_CLOSED_SHARE = 0.5
 """Smallest share of the rows at which the loops of a robot must close."""
 
 
@@ -115,17 +115,17 @@ def compare_rows(rows: PoseRows, label: str, side: RobotSide, tolerance: float) 
     else:
         T = side.tool_poses(q)
         closed = np.asarray(np.isfinite(T).all(axis=(1, 2)))
-        if closed.mean() < _CLOSED:
+        if closed.mean() < _SMALLEST_CLOSED_SHARE:
             text = f"{side.label}: its loops close at only {int(closed.sum())} of the {len(T)} states of {label}"
             raise TwinError(f"{text}. Correct the joint values, or the links of the loops")
         # at the others, the robot has no pose to compare
-        rows = rows.chosen(closed)
+        rows = rows.selected(closed)
         q = q[closed]
         motion = FixedMotion(T[closed])
-    return _compared(rows, label, side, q, motion, tolerance)
+    return _comparison_of_motion(rows, label, side, q, motion, tolerance)
 
 
-def _compared(
+def _comparison_of_motion(
     rows: PoseRows, label: str, side: RobotSide, q: Array, motion: FixedMotion | ChainMotion, tolerance: float
 ) -> PoseComparison:
     """Return the comparison of rows with the motion of the robot at their joint values q (k, driven joints)."""
@@ -133,7 +133,7 @@ def _compared(
     noise = RowNoise(fit, tolerance)
     signs = np.ones(motion.count)
     frames_alone = fit.frames_alone(signs)
-    shifts, turns = fit.parts(frames_alone.x, signs, ())
+    shifts, turns = fit.shifts_and_turns(frames_alone.x, signs, ())
     distances = np.linalg.norm(shifts, axis=1)
     angles = np.linalg.norm(turns, axis=1)
     worst = int(np.argmax(distances + LEVER * angles))
@@ -142,13 +142,13 @@ def _compared(
     if saturation is not None:
         # where the rows show their noise, the frames are fitted once more, with its weight of angles
         noise, frames_alone, saturated = saturation
-    base, tool = frames_of(frames_alone.x)
-    deviations = noise.deviations(saturated)
+    base, tool = base_and_tool(frames_alone.x)
+    deviations = noise.standard_deviations(saturated)
     agrees = noise.agrees(frames_alone, saturated)
     explained = None
     if not agrees and saturated is not None and isinstance(motion, ChainMotion):
         explained, saturated = fewest_changes(noise, motion, frames_alone, saturated)
-        deviations = noise.deviations(saturated)
+        deviations = noise.standard_deviations(saturated)
     pose_fit = PoseFit(
         rows=len(rows.q),
         base=base,
@@ -162,17 +162,17 @@ def _compared(
         line=rows.lines[worst] if rows.lines else 0,
         agrees=agrees,
     )
-    q_worst = dict(zip(side.order, q[worst].tolist(), strict=True))
+    q_worst = dict(zip(side.driven_joints, q[worst].tolist(), strict=True))
     if explained is None or saturated is None or not isinstance(motion, ChainMotion):
         return PoseComparison(pose_fit, q_worst, None, tolerance)
-    uncertainty = _uncertainty(motion, explained, noise.uncertainties(explained, saturated))
+    uncertainty = _largest_uncertainty(motion, explained, noise.uncertainties(explained, saturated))
     pose_fit = replace(pose_fit, uncertainty=uncertainty)
-    identified = _identified(motion, explained, label)
+    identified = _identified_side(motion, explained, label)
     # no place is known better than the noise of the rows allows
-    return PoseComparison(pose_fit, q_worst, identified, max(tolerance, _NEEDED * uncertainty))
+    return PoseComparison(pose_fit, q_worst, identified, max(tolerance, _NEEDED_DEVIATIONS * uncertainty))
 
 
-def _uncertainty(motion: ChainMotion, state: RowState, uncertainties: Array) -> float:
+def _largest_uncertainty(motion: ChainMotion, state: RowState, uncertainties: Array) -> float:
     """Return the largest of the standard deviations (unknowns,) of the changed values in m, angles by their lever."""
     largest = 0.0
     for change, columns in columns_of(state.changes):
@@ -186,7 +186,7 @@ def _uncertainty(motion: ChainMotion, state: RowState, uncertainties: Array) -> 
     return largest
 
 
-def _identified(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
+def _identified_side(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
     """Return the side that the rows describe: the robot's side with the fitted signs, zeros and places."""
     side = motion.side
     zeros: dict[str, float] = {}
@@ -196,7 +196,7 @@ def _identified(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
         if change.kind == "zero":
             zeros[name] = float(state.x[columns.start])
         else:
-            places[name] = motion.place(change.joint, state.x[columns])
+            places[name] = motion.place_motion(change.joint, state.x[columns])
     names_on_path = [axis.name for axis in motion.path]
     signs = dict(zip(names_on_path, state.signs.tolist(), strict=True))
     moves: dict[int, Array] = {0: np.eye(4)}  # {group: its motion by the changes of all joints before it}
@@ -225,7 +225,7 @@ def _identified(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
         frames=frames,
         path=None,
         text=None,
-        places={},
-        rows=(),
+        xacro_places={},
+        dh_rows=(),
         efforts={},
     )

@@ -72,7 +72,7 @@ def test_other_frames_of_computed_poses_are_conventions(moved: tuple[str, ...], 
     rows = PoseRows(names, (True,) * 3, q, poses(base, tool, q), computed=computed)
     groups = (JointGroup(("base",)),)
     frames = {"base": (0, np.eye(4))}
-    side = RobotSide("rows", "rows", (), groups, frames, tool="base", order=names, sampled=lambda: rows)
+    side = RobotSide("rows", "rows", (), groups, frames, tool="base", driven_joints=names, sample_poses=lambda: rows)
     found = compare_pair(side, robot, 1e-5)
     assert found.agrees
     told = tuple(item.kind for item in found.items)
