@@ -8,7 +8,7 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, race
 
 import twin
-from twin.simulation.controllers.velocity import pose_error, step
+from twin.simulation.controllers.jacobian_step import pose_error, step
 from twin.simulation.limits import JointLimits
 
 

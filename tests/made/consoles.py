@@ -13,7 +13,7 @@ from twin.model.task import ConsoleTask
 from twin.simulation.controllers.camera import Dragging, HandsToCamera
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
-from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.pose_to_joints import PoseToJoints
 from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic

@@ -18,7 +18,7 @@ from twin.simulation.controllers.camera import Drag, Dragging, view
 from twin.simulation.controllers.console_equations import READINGS, console
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
-from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.pose_to_joints import PoseToJoints
 from twin.simulation.controllers.tool_following import SCALE, FollowingControl, HandPace, HandToPose, is_held
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault

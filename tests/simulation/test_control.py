@@ -12,8 +12,8 @@ from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
 from twin.simulation.controllers.clutch_test import clutch, play
+from twin.simulation.controllers.jacobian_step import pose_error, step
 from twin.simulation.controllers.teleoperation import Gains, Teleoperation
-from twin.simulation.controllers.velocity import pose_error, step
 from twin.simulation.limits import JointLimits
 
 SCALE = np.array([MM, MM, MM, DEG, MM])

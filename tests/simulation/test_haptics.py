@@ -20,10 +20,10 @@ from twin.formula import symbolic
 from twin.formula.evaluator import attach
 from twin.simulation import proxy
 from twin.simulation.condition import randomised
-from twin.simulation.controllers import passive
+from twin.simulation.controllers import passivity
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import GraspPulse, HapticHand
-from twin.simulation.controllers.passive import needed_damping, require_passive
+from twin.simulation.controllers.passivity import needed_damping, require_passive
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
 MM = 1e-3
@@ -360,7 +360,7 @@ def test_the_needed_damping_is_the_limit_of_a_vibrating_hand(hz, stiffness, damp
 
 
 def test_the_needed_damping_without_a_filter_is_that_of_colgate(monkeypatch):
-    monkeypatch.setattr(passive, "FILTER_HZ", 1e9)
+    monkeypatch.setattr(passivity, "FILTER_HZ", 1e9)
     assert needed_damping(600, 10, DT) == pytest.approx(600 * DT / 2 + 10)
     assert needed_damping(600, 0, DT) == pytest.approx(0.3)
 

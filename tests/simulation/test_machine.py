@@ -298,7 +298,7 @@ def test_the_compiled_arithmetic_is_that_of_numpy(parts, rng):
         np.testing.assert_array_equal(a.aim(wanted, old, r, q, qd), [*rates, *(wanted - q), *(rates - qd)])
         e, de, efforts, s = rng.normal(size=(4, 7))
         total = s + e * 1e-3
-        asked = np.trunc(((kp * e + ki * total + kd * de) + m.motor_efforts(efforts)) * a.counts)
+        asked = np.trunc(((kp * e + ki * total + kd * de) + m.motor_efforts(efforts)) * a.counts_per_effort)
         np.testing.assert_array_equal(a.drive(e, de, efforts, s), np.append(total, asked))
 
 
@@ -306,7 +306,12 @@ def test_the_compiled_arithmetic_is_that_of_numpy(parts, rng):
 def test_overdrive(parts, policy, stops):
     """Twice seven commands above the limit in one tick each: more than 10 in the shared counter, for hard only."""
     servo = Servo(parts.settings, parts.arm.mechanism, parts.arithmetic, "moderate", policy)
-    error = 1.05 * servo.limit / parts.arithmetic.counts / np.array([m.kp / m.gear for m in parts.settings.motor])
+    error = (
+        1.05
+        * servo.limit
+        / parts.arithmetic.counts_per_effort
+        / np.array([m.kp / m.gear for m in parts.settings.motor])
+    )
     rest = np.zeros(7)
     first = servo.counts_of(error, rest, rest)
     assert servo.counted == 7

@@ -149,7 +149,7 @@ def test_the_counter_of_violations_is_shared_or_one_for_each_motor(parts):
     for shared in (True, False):
         known = parts.settings.model_copy(update={"released": tables.Released(shared_counter=shared)})
         servo = Servo(known, parts.arm.mechanism, parts.arithmetic, "moderate", "hard")
-        error = 1.05 * servo.limit / parts.arithmetic.counts / np.array([m.kp / m.gear for m in known.motor])
+        error = 1.05 * servo.limit / parts.arithmetic.counts_per_effort / np.array([m.kp / m.gear for m in known.motor])
         for _ in range(2):
             servo.counts_of(error, np.zeros(7), np.zeros(7))
         stops[shared] = servo.stop

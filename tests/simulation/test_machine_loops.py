@@ -24,7 +24,7 @@ from twin.simulation.dynamics.effort_plants import MujocoPlant
 from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.itp import pack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.loop_plant import FARTHEST, JAM, LoopPlant
+from twin.simulation.machine.loop_plant import JAM_MARGIN, LARGEST_STEP, LoopPlant
 from twin.simulation.machine.motor_plant import MotorPlant
 from twin.simulation.machine.physics import TICK, Physics
 
@@ -244,8 +244,8 @@ def test_wild_torques_leave_carriages_within_stops_and_the_linkage_in_its_assemb
             assert (plant.q <= high).all()
             for i, k, least in gaps_of(parts):
                 assert plant.q[k] - plant.q[i] >= least - 1e-12
-            assert np.abs(plant.qd).max() <= FARTHEST / TICK
-            states = solver.close(plant.q, states, JAM)
+            assert np.abs(plant.qd).max() <= LARGEST_STEP / TICK
+            states = solver.close(plant.q, states, JAM_MARGIN)
             assert states is not None
         assert plant.jams > jams
         assert turned > 5

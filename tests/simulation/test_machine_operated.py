@@ -18,7 +18,7 @@ from twin.api.console_runs import operate_machine, replay_session
 from twin.api.machine import ChildMachine, Machines
 from twin.cli import main
 from twin.core.errors import DeviceError, TwinError
-from twin.simulation.controllers.trainer import TrainerPhase
+from twin.simulation.controllers.trainer_states import TrainerPhase
 from twin.simulation.session.machine_run import ready
 
 pytestmark = pytest.mark.slow

@@ -25,22 +25,22 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError, DeviceError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, machine_scene
-from twin.simulation.controllers import trainer
+from twin.simulation.controllers import trainer, trainer_states
 from twin.simulation.controllers.cue import Cue
+from twin.simulation.controllers.packet_smoother import PacketSmoother
 from twin.simulation.controllers.plan_states import HELD, RUN
-from twin.simulation.controllers.trainer import (
-    LONGEST,
-    Mode,
-    Smooth,
-    Tips,
-    Trainer,
+from twin.simulation.controllers.tip_comparison import TipComparison
+from twin.simulation.controllers.trainer import Trainer
+from twin.simulation.controllers.trainer_states import (
+    LONGEST_RECORD,
     TrainerLimits,
+    TrainerMode,
     TrainerPhase,
-    ViewSwitch,
-    Why,
-    asked,
-    told,
+    TrainerReason,
+    mode_setting,
+    reason_text,
 )
+from twin.simulation.controllers.view_switch import ViewSwitch
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import state_packets
@@ -87,7 +87,7 @@ def scene():
 )
 def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
     start, goal = np.eye(4), spatial.pose(spatial.exp_so3(turn), way)
-    smooth = Smooth(BOUNDS, 1e-3, 1e-3)
+    smooth = PacketSmoother(BOUNDS, 1e-3, 1e-3)
     smooth.begin(start, 0.0)
     p, R, opened = np.zeros(3), np.eye(3), 0.0
     for _ in range(1000):
@@ -113,7 +113,7 @@ def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
         "arm.run": [1.0, Level.PEDAL_UP, 0, 0],
     }
     signals = Signals({"arm.given": np.append(STILL, 0.0), **at_rest, **model.outputs})
-    start, smooth = parts.kin.forward(parts.home), Smooth(bounds, 1e-3, 1e-3)
+    start, smooth = parts.kin.forward(parts.home), PacketSmoother(bounds, 1e-3, 1e-3)
     smooth.begin(goal := start, 0.0)
     for k in range(3000):
         if k >= 300 and random.uniform() < 1 / 100:
@@ -136,7 +136,7 @@ class MovableRobot:
         self.q = parts.home
         kin = parts.kin
         angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
-        self.trainer = Trainer("arm", "pedals", BOUNDS, 1e-3, Tips(kin, angles), 1e-3)
+        self.trainer = Trainer("arm", "pedals", BOUNDS, 1e-3, TipComparison(kin, angles), 1e-3)
         self.signals = Signals(
             {
                 "pedals.training": 0.0,
@@ -164,7 +164,7 @@ class MovableRobot:
             out = self.trainer.step(self.signals, self.t, 1e-3)
             self.t += 1e-3
         phase, why, value = np.asarray(out["arm.phase"])
-        return TrainerPhase(int(phase)), Why(int(why)), float(value), out["arm.packet"], out["arm.given"]
+        return TrainerPhase(int(phase)), TrainerReason(int(why)), float(value), out["arm.packet"], out["arm.given"]
 
     def ask(self, mode):
         self.set("pedals.training", mode)
@@ -172,13 +172,13 @@ class MovableRobot:
 
     def rehearse(self, way=0.01, fastest=0.01, ticks=400):
         """Rehearse a motion along x, and judge it."""
-        self.ask(Mode.REHEARSE)
+        self.ask(TrainerMode.REHEARSE)
         goal = self.signals["arm.goal"].reshape(4, 4).copy()
         goal[0, 3] += way
         self.set("arm.model", fastest, 1)
         self.set("arm.goal", goal.ravel())
         self.step(ticks)
-        return self.ask(Mode.JUDGE)
+        return self.ask(TrainerMode.JUDGE)
 
 
 @pytest.fixture
@@ -227,37 +227,38 @@ def test_increments_wait_until_both_are_ready(movable):
 def test_a_rehearsal_moves_the_model_only(movable):
     movable.step()
     phase, why, _, machine_gets, _ = movable.rehearse()
-    assert (phase, why) == (TrainerPhase.JUDGED, Why.NOTHING)
+    assert (phase, why) == (TrainerPhase.JUDGED, TrainerReason.NOTHING)
     np.testing.assert_array_equal(machine_gets, STILL)
     moved = sum(v[0] for v in movable.trainer._record)
     assert moved == pytest.approx(1e4, abs=30)
 
 
 def test_a_rehearsal_is_stopped_at_the_longest_record(movable, monkeypatch):
-    monkeypatch.setattr(trainer, "LONGEST", 0.2)
+    for module in (trainer, trainer_states):
+        monkeypatch.setattr(module, "LONGEST_RECORD", 0.2)
     movable.step()
-    movable.ask(Mode.REHEARSE)
+    movable.ask(TrainerMode.REHEARSE)
     goal = movable.signals["arm.goal"].reshape(4, 4).copy()
     goal[0, 3] += 0.05
     movable.set("arm.goal", goal.ravel())
-    assert movable.step(199)[:2] == (TrainerPhase.REHEARSE, Why.NOTHING)
+    assert movable.step(199)[:2] == (TrainerPhase.REHEARSE, TrainerReason.NOTHING)
     found = movable.step()
-    assert found[:3] == (TrainerPhase.REHEARSE, Why.FULL, 0.2)
+    assert found[:3] == (TrainerPhase.REHEARSE, TrainerReason.FULL, 0.2)
     assert text_of(found).startswith("the rehearsal was stopped: the record of arm is 0.2 s long (limit 0.2). Press Ju")
     np.testing.assert_array_equal(found[4][:9], STILL)  # the model is at rest, where the record ends
     movable.set("arm.model", 3.0, 2)  # not a part of the record
     movable.step(300)
     movable.set("arm.model", 0.0, 2)
     assert len(movable.trainer._record) == 200
-    assert movable.ask(Mode.JUDGE)[:2] == (TrainerPhase.JUDGED, Why.NOTHING)
-    assert movable.ask(Mode.REPLAY)[0] == TrainerPhase.REPLAY
+    assert movable.ask(TrainerMode.JUDGE)[:2] == (TrainerPhase.JUDGED, TrainerReason.NOTHING)
+    assert movable.ask(TrainerMode.REPLAY)[0] == TrainerPhase.REPLAY
 
 
 def test_a_good_record_is_replayed_as_it_was(movable):
     movable.step()
     movable.rehearse()
     record = [v.copy() for v in movable.trainer._record]
-    phase, _, _, _, model_gets = movable.ask(Mode.REPLAY)
+    phase, _, _, _, model_gets = movable.ask(TrainerMode.REPLAY)
     assert phase == TrainerPhase.REPLAY
     assert model_gets[9] == 1  # the model begins where the machine is
     sent = []
@@ -274,11 +275,11 @@ def test_a_replay_waits_for_the_hands_and_then_gives_up(movable):
     movable.step()
     movable.rehearse()
     movable.set("pedals.silent", 1)
-    movable.ask(Mode.REPLAY)
+    movable.ask(TrainerMode.REPLAY)
     assert movable.step(500)[0] == TrainerPhase.REPLAY
-    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, Why.OPERATOR)
+    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, TrainerReason.OPERATOR)
     movable.set("pedals.silent", 0)
-    movable.ask(asked(Mode.REPLAY, 1))  # asked for again
+    movable.ask(mode_setting(TrainerMode.REPLAY, 1))  # asked for again
     assert movable.step(200)[0] == TrainerPhase.REPLAY
 
 
@@ -286,15 +287,15 @@ def test_a_replay_waits_for_the_machine_and_then_gives_up(movable):
     movable.step()
     movable.rehearse()
     movable.set("arm.run", Level.PEDAL_UP, 1)
-    movable.ask(Mode.REPLAY)
+    movable.ask(TrainerMode.REPLAY)
     phase, _, _, machine_gets, _ = movable.step(500)
     assert phase == TrainerPhase.REPLAY
     assert not machine_gets[:3].any()
-    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, Why.NOT_READY)
+    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, TrainerReason.NOT_READY)
 
 
 def text_of(found):
-    return told(found[1], found[2], BOUNDS, "arm")
+    return reason_text(found[1], found[2], BOUNDS, "arm")
 
 
 @pytest.mark.parametrize(
@@ -319,7 +320,7 @@ def text_of(found):
 def test_a_replay_is_refused_with_what_to_do(movable, prepare, expected):
     movable.step()
     prepare(movable)
-    found = movable.ask(Mode.REPLAY)
+    found = movable.ask(TrainerMode.REPLAY)
     assert found[0] == TrainerPhase.STOPPED
     assert re.search(expected, text_of(found)), text_of(found)
     np.testing.assert_array_equal(found[3], STILL)
@@ -338,7 +339,7 @@ def test_a_replay_is_refused_with_what_to_do(movable, prepare, expected):
 def test_a_replay_is_stopped(movable, signal, value, at, expected):
     movable.step()
     movable.rehearse()
-    movable.ask(Mode.REPLAY)
+    movable.ask(TrainerMode.REPLAY)
     movable.step(20)
     movable.set(signal, value, at)
     found = movable.step()
@@ -350,7 +351,7 @@ def test_a_replay_is_stopped(movable, signal, value, at, expected):
 def test_hands_that_are_silent_for_long_stop_a_replay(movable):
     movable.step()
     movable.rehearse(ticks=1500)
-    movable.ask(Mode.REPLAY)
+    movable.ask(TrainerMode.REPLAY)
     movable.step(100)
     movable.set("pedals.silent", 1)
     movable.set("console.mode", 1)  # as the pedals say of silent hands
@@ -362,11 +363,11 @@ def test_a_fast_record_and_one_out_of_reach_are_judged_bad(movable):
     movable.step()
     found = movable.rehearse(fastest=0.06)
     assert "moved at 60 mm/s (limit 50)" in text_of(found)
-    movable.ask(Mode.TELEOPERATE)
-    movable.ask(Mode.REHEARSE)
+    movable.ask(TrainerMode.TELEOPERATE)
+    movable.ask(TrainerMode.REHEARSE)
     movable.step(10)
     movable.set("arm.model", 3.0, 2)
-    assert "3 packets had a target out of reach" in text_of(movable.ask(Mode.JUDGE))
+    assert "3 packets had a target out of reach" in text_of(movable.ask(TrainerMode.JUDGE))
 
 
 def test_a_tap_of_the_camera_pedal_changes_the_view():
@@ -826,8 +827,8 @@ def test_measures_of_a_session(scene, robot, parts):
         TrainerPhase.JUDGED,
         TrainerPhase.REPLAY,
     )
-    phase[400:420, 1:] = Why.FULL, LONGEST
-    phase[800:850] = TrainerPhase.STOPPED, Why.START, 0.011
+    phase[400:420, 1:] = TrainerReason.FULL, LONGEST_RECORD
+    phase[800:850] = TrainerPhase.STOPPED, TrainerReason.START, 0.011
     tip = kin.forward_many(q)[:, :3, 3]
     apart = np.linalg.norm(tip - kin.forward_many(ghost)[:, :3, 3], axis=1)
     cue = np.zeros((n, 3))

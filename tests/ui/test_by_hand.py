@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError
 from twin.core.units import MM
 from twin.model.scene import load_scene
-from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
+from twin.simulation.controllers.instrument_pivot import CONE, SHALLOW, InstrumentPivot
 from twin.simulation.limits import JointLimits
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import FulcrumMessage, HandsMessage, RefusedError, ToolMessage

@@ -21,7 +21,7 @@ from twin.core.errors import AssemblyError, CancelledError, TwinError, WorldErro
 from twin.core.units import DEG, MM
 from twin.planning.obstacle_avoidance import NoPathError
 from twin.simulation.controllers.plan_states import AIM, HELD, OFF, RUN
-from twin.simulation.controllers.trainer import Mode
+from twin.simulation.controllers.trainer_states import TrainerMode
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.devices.received_hands import HandState
 from twin.simulation.machine.levels import Level
@@ -525,7 +525,7 @@ def rehearsing(monkeypatch):
     machines = SimpleNamespace(parts=parts, close=lambda: None)
     machines.links = {n: Linked(parts.home) for n, parts in machines.parts.items()}
     made = Operator(LiveConsole(replace(raven, machines=machines)))
-    made.console.train("me", Mode.REHEARSE)
+    made.console.train("me", TrainerMode.REHEARSE)
     made.wait(4)
     yield made
     made.console.close()
@@ -539,19 +539,19 @@ def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsin
     rehearsing.wait(20)
     lifted(rehearsing)
     with pytest.raises(TwinError, match="a motion of raven_left is being planned: accept or cancel it first"):
-        rehearsing.console.train("me", Mode.JUDGE)
+        rehearsing.console.train("me", TrainerMode.JUDGE)
     rehearsing.ask("find")
     rehearsing.until("preview")
     rehearsing.ask("accept")
     with pytest.raises(TwinError, match="raven_left follows a plan: wait until it has arrived, or cancel"):
-        rehearsing.console.train("me", Mode.JUDGE)
+        rehearsing.console.train("me", TrainerMode.JUDGE)
     rehearsing.until("off")
     assert "has arrived" in rehearsing.mode.message
     signals = rehearsing.console.world.signals
     for name, (machine, model) in at.items():
         assert np.array_equal(signals[f"{name}.q"], machine)
         assert not np.allclose(signals[f"{name}.encoder"], model, atol=1e-3)
-    rehearsing.console.train("me", Mode.JUDGE)
+    rehearsing.console.train("me", TrainerMode.JUDGE)
 
 
 @pytest.mark.slow

@@ -16,8 +16,8 @@ from twin.core.progress import Progress, silent
 if TYPE_CHECKING:
     from twin.model.scene import Scene
     from twin.planning.protocol import Protocol
+    from twin.simulation.controllers.jacobian_step import Solver
     from twin.simulation.controllers.teleoperation import Clutch
-    from twin.simulation.controllers.velocity import Solver
     from twin.simulation.operator_trials import Operated
     from twin.simulation.scene_play import Actor, Played
     from twin.simulation.world import World

@@ -24,10 +24,10 @@ from twin.simulation import blocks, contact_scene, machine_scene, operating_scen
 from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
+from twin.simulation.controllers.instrument_pivot import FULCRUMS, Fulcrum, InstrumentPivot
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
-from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum, InstrumentPivot
-from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.pose_to_joints import PoseToJoints
 from twin.simulation.controllers.through_port import ThroughPort
 from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.controllers.tool_grip import GripToTool
@@ -356,7 +356,7 @@ def drag(table: ConsoleTable) -> Drag:
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask | None = None) -> dict[str, float]:
     """Return {setting: initial value} of the device of a scene's console.
 
-    `pedals.fulcrum` selects the end of an instrument that follows the hand (the tip or the outer end, see `pivot`).
+    `pedals.fulcrum` selects the end of an instrument that follows the hand (tip or outer end, see `instrument_pivot`).
     `<robot>.tool` is the index of the chosen tool, in the order of the scene file; in a procedure, its initial value is
     the tool at the start of the task. A scene without instruments in ports has no `pedals.fulcrum`, and a scene without
     tools has no `<robot>.tool`.

@@ -15,7 +15,10 @@ from twin.model.scene import Scene
 from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import TAP
-from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimits, ViewSwitch
+from twin.simulation.controllers.tip_comparison import TipComparison
+from twin.simulation.controllers.trainer import Trainer
+from twin.simulation.controllers.trainer_states import MODE, TrainerLimits
+from twin.simulation.controllers.view_switch import ViewSwitch
 from twin.simulation.machine.machine_model_plant import MachineModelPlant
 from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.world import Block, Placed, Signals
@@ -83,7 +86,7 @@ class Machined:
         for name, parts in self.parts.items():
             angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
             step = parts.settings.number.grasp_step.value
-            tips = Tips(kins[name], angles)
+            tips = TipComparison(kins[name], angles)
             blocks.append(Trainer(name, device, limits, step, tips, dt))
         return blocks
 

@@ -19,8 +19,8 @@ from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.simulation.controllers.clutch_test import ClutchReport, clutch
+from twin.simulation.controllers.jacobian_step import Solver
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation, scales_of
-from twin.simulation.controllers.velocity import Solver
 from twin.simulation.devices.hand import Goal
 from twin.simulation.limits import JointLimits
 from twin.simulation.trial import Measures, Record, goals_of, measure, operate

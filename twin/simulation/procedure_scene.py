@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.simulation import operating_scene
 from twin.simulation.console_scene import start
-from twin.simulation.controllers.reaching import PoseToJoints
+from twin.simulation.controllers.pose_to_joints import PoseToJoints
 from twin.simulation.controllers.tip_target import TipTarget
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic

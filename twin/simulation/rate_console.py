@@ -11,9 +11,9 @@ from twin.model.console import CameraTable, ConsoleTable, TeleoperationTable
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.simulation.controllers.camera import FixedCamera
+from twin.simulation.controllers.jacobian_step import ToolToJoints
 from twin.simulation.controllers.pen_handle import PedalFollowing, PenToHandle
 from twin.simulation.controllers.teleoperation import Gains, HandToTool, Teleoperation, scales_of
-from twin.simulation.controllers.velocity import ToolToJoints
 from twin.simulation.limits import JointLimits
 from twin.simulation.setup import Setup
 from twin.simulation.trial import INNER

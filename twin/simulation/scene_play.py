@@ -27,7 +27,7 @@ from twin.model.scene import Place, Scene
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, between
-from twin.simulation.controllers.protocol import ProtocolPlayer
+from twin.simulation.controllers.protocol_player import ProtocolPlayer
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.plants.tissue import Tissues

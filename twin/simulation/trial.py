@@ -13,8 +13,8 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.planning.phase_path import build
 from twin.planning.protocol import Protocol
+from twin.simulation.controllers.jacobian_step import Solver, ToolToJoints, pose_error
 from twin.simulation.controllers.teleoperation import HandToTool, Teleoperation
-from twin.simulation.controllers.velocity import Solver, ToolToJoints, pose_error
 from twin.simulation.devices.hand import Goal, ScriptedHand
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic

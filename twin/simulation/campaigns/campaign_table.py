@@ -1,4 +1,4 @@
-"""Tables of a campaign file (TOML): classes of faults with parameter ranges, scenario_names, trainee and detection."""
+"""Tables of a campaign file (TOML): classes of faults with parameter ranges, scenarios, trainee and detection."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class CampaignTable(Table):
         scales: motion scales of the operator, of which each session draws one.
         trainee: reaction times of the simulated trainee.
         detection: parameters of the adaptive limit.
-        scenario: scenario_names to which classes of faults belong.
+        scenario: scenarios to which classes of faults belong.
         class_: classes of faults, of which each session with a fault draws one by weight.
     """
 

@@ -1,7 +1,7 @@
 """Compute the force on one hand in one tick by one compiled function.
 
 Eq. (5) of `console` acts along the line from the tool to its proxy, the nearest point outside of all planes that the
-tool touches; the energy observer of the hand bounds the force (`passive`).
+tool touches; the energy observer of the hand bounds the force (`passivity`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from twin.formula import symbolic
 from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console_equations import DAMPING, LARGEST, STIFFNESS, Console
-from twin.simulation.controllers.passive import bounded, clipped, observed, smoothing, stored
+from twin.simulation.controllers.passivity import bounded, clipped, observed, smoothing, stored
 from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, SIZE, WIDTH
 from twin.simulation.proxy import proxy

@@ -17,7 +17,7 @@ from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force
-from twin.simulation.controllers.passive import require_passive
+from twin.simulation.controllers.passivity import require_passive
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
@@ -77,7 +77,7 @@ class HapticHand(Block):
     Reads `haptics.on`, `console.taps`, `<device>.scale`, `<hand>.pose`, `<camera>.view`; `<robot>.follows`,
     `<robot>.goal`, `<robot>.encoder` and the planes in `<robot>.<source>` of the arm that the hand controls; and
     `<object>.holder`. Writes `<hand>.force` (3,) in N in {H}; the axes of {H} are those of the picture. Also
-    writes `<hand>.energy` in J, the energy counted by the observer of the hand (`passive`); it is never negative.
+    writes `<hand>.energy` in J, the energy counted by the observer of the hand (`passivity`); it is never negative.
     """
 
     def __init__(

@@ -20,8 +20,8 @@ from twin.core.units import DEG
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console_equations import Console, console
 from twin.simulation.controllers.hand_step import HandPace, HandStep
+from twin.simulation.controllers.instrument_pivot import InstrumentPivot
 from twin.simulation.controllers.pedals import TOOLS
-from twin.simulation.controllers.pivot import InstrumentPivot
 from twin.simulation.controllers.plan_states import AIM, OFF, RUN
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (

@@ -17,7 +17,7 @@ from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE
 from twin.simulation.controllers.plan_states import AIM, HELD, OFF, RUN
-from twin.simulation.controllers.trainer import TrainerPhase
+from twin.simulation.controllers.trainer_states import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.world import Block, Signals

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core.spatial import Array
-from twin.simulation.controllers.trainer import MODE, Mode, TrainerPhase
+from twin.simulation.controllers.trainer_states import MODE, TrainerMode, TrainerPhase
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.world.signal_kinds import ROBOT_PHASE
 
@@ -21,7 +21,7 @@ _WAIT = 150.0
 _REST = 0.6
 """Pause in s between two steps of the exercise."""
 
-_DONE = {Mode.REHEARSE: 0.6, Mode.JUDGE: 0.75, Mode.REPLAY: 0.8}
+_DONE = {TrainerMode.REHEARSE: 0.6, TrainerMode.JUDGE: 0.75, TrainerMode.REPLAY: 0.8}
 """Completed fraction of the exercise when the trainee asks for a mode."""
 
 
@@ -47,7 +47,7 @@ class Trainee(SurgeonHands):
         """
         self._phases = [ROBOT_PHASE.of(machine) for machine in machines]
         self._triangles = triangles
-        self._mode = Mode.TELEOPERATE
+        self._mode = TrainerMode.TELEOPERATE
         self.doing = "teleoperate"
         self.done = 0.0
         super().__init__(seat, Habits())
@@ -68,14 +68,14 @@ class Trainee(SurgeonHands):
             yield from self._both(second)
             yield from self._both(-(first + second))  # back to the first corner
         yield from self._move_back()
-        yield from self._ask(Mode.REHEARSE)
+        yield from self._ask(TrainerMode.REHEARSE)
         for side in self._sides():
             yield from self._both(side)
-        yield from self._ask(Mode.JUDGE)
+        yield from self._ask(TrainerMode.JUDGE)
         for _ in range(2):
-            yield from self._ask(Mode.REPLAY)
+            yield from self._ask(TrainerMode.REPLAY)
             yield from self._await_end_of_replay()
-            yield from self._ask(Mode.TELEOPERATE)
+            yield from self._ask(TrainerMode.TELEOPERATE)
 
     def _sides(self) -> tuple[Array, Array]:
         """Return two displacements (3,) of a hand in m, at a large angle to each other."""
@@ -88,7 +88,7 @@ class Trainee(SurgeonHands):
         strokes: Mapping[str, Array] = dict.fromkeys(self.arms, displacement)
         yield from self._stroke(strokes, _REST)
 
-    def _ask(self, mode: Mode) -> Iterator[None]:
+    def _ask(self, mode: TrainerMode) -> Iterator[None]:
         self._mode = mode
         self.doing = mode.name.lower()
         self.done = max(self.done, _DONE.get(mode, 0.0))

@@ -32,7 +32,7 @@ class Arithmetic:
     Attributes:
         share: fraction of a difference that the low-pass filter corrects in one tick.
         angle: motor value in rad or m per encoder count, as the software computes it.
-        counts: (n,) counts of the DAC for an effort of 1 N m or 1 N of each motor.
+        counts_per_effort: (n,) counts of the DAC for an effort of 1 N m or 1 N of each motor.
         sense: function (counts, m, w) -> (2 n,): m, w'.
         aim: function (q_desired, q_desired before, r, q, qd) -> (3 n,): r', errors of joint values and of rates.
         drive: function (e, de, joint efforts, s) -> (2 n,): s', counts of the DAC before the software's checks.
@@ -40,7 +40,7 @@ class Arithmetic:
 
     share: float
     angle: float
-    counts: Array
+    counts_per_effort: Array
     sense: Callable[..., Array]
     aim: Callable[..., Array]
     drive: Callable[..., Array]
@@ -49,47 +49,51 @@ class Arithmetic:
     def of(cls, settings: Settings, mechanism: Mechanism) -> Arithmetic:
         """Compile the functions, or load them from the cache."""
         share = float(1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK))
-        turn = settings.number.counts_per_turn.value / (2 * np.pi)  # counts per rad
+        counts_per_rad = settings.number.counts_per_turn.value / (2 * np.pi)
         if settings.released.whole_counts:
-            turn = int(turn)
-        angle = 1 / turn
+            counts_per_rad = int(counts_per_rad)
+        angle = 1 / counts_per_rad
         motors = settings.of_motors(mechanism)
         n = len(motors)
-        counts = np.zeros(n)
+        counts_per_effort = np.zeros(n)
         gains = np.zeros((3, n))
         for i, motor in enumerate(motors):
-            counts[i] = motor.counts_per_amp / motor.torque_per_amp
+            counts_per_effort[i] = motor.counts_per_amp / motor.torque_per_amp
             gains[:, i] = motor.kp / motor.gear, motor.ki / motor.gear, motor.kd / motor.gear
         sense = _sense(n, angle, share)
         aim = _aim(n, share)
-        drive = _drive(mechanism.motor_matrix, gains, counts)
-        return cls(share, angle, counts, sense, aim, drive)
+        drive = _drive(mechanism.motor_matrix, gains, counts_per_effort)
+        return cls(share, angle, counts_per_effort, sense, aim, drive)
 
 
 def _sense(n: int, angle: float, share: float) -> Callable[..., Array]:
+    """Return `Arithmetic.sense`, compiled."""
     counts, before, w = _symbols(n, "counts before w")
     m = counts * angle
     return _compiled([counts, before, w], [m, _low_pass(m, before, w, share)])
 
 
 def _aim(n: int, share: float) -> Callable[..., Array]:
+    """Return `Arithmetic.aim`, compiled."""
     desired, before, r, q, qd = _symbols(n, "wanted before r q qd")
     rate = _low_pass(desired, before, r, share)
     return _compiled([desired, before, r, q, qd], [rate, desired - q, rate - qd])
 
 
-def _drive(T: Array, gains: Array, counts: Array) -> Callable[..., Array]:
+def _drive(T: Array, gains: Array, counts_per_effort: Array) -> Callable[..., Array]:
+    """Return `Arithmetic.drive`, compiled; `gains` (3, n): kp, ki, kd at the motors."""
     e, de, efforts, s = _symbols(len(T), "e de efforts s")
     kp, ki, kd = map(ca.DM, gains)
     integral = s + e * TICK
     torques = kp * e + ki * integral + kd * de + ca.DM(T).T @ efforts
-    command = torques * ca.DM(counts)
+    command = torques * ca.DM(counts_per_effort)
     # The DAC takes whole numbers; the conversion of C rounds towards 0.
     counts_of_dac = ca.if_else(command < 0, ca.ceil(command), ca.floor(command))
     return _compiled([e, de, efforts, s], [integral, counts_of_dac])
 
 
 def _low_pass(x: ca.SX, before: ca.SX, v: ca.SX, share: float) -> ca.SX:
+    """Return the filtered rate after a tick, from the values x and x before it, and the filtered rate v before it."""
     return v + share * ((x - before) / TICK - v)
 
 
@@ -98,6 +102,7 @@ def _symbols(n: int, names: str) -> list[ca.SX]:
 
 
 def _compiled(arguments: list[ca.SX], results: list[ca.SX]) -> Callable[..., Array]:
+    """Return the compiled function of the arguments, whose result has all results in one vector."""
     output = ca.densify(ca.vertcat(*results))
     function = ca.Function("arithmetic", arguments, [output])
     sizes = {f"in{i}": x.numel() for i, x in enumerate(arguments)}

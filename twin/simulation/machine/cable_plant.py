@@ -52,20 +52,20 @@ class Cables:
             MechanismError: a number is not finite or negative, or a stiffness is 0.
         """
         joints = arm.mechanism.active
-        for what in ("stiffness", "play", "damping", "coulomb"):
-            values = getattr(self, what)
+        for quantity in ("stiffness", "play", "damping", "coulomb"):
+            values = getattr(self, quantity)
             if np.shape(values) != (len(joints),):
                 raise MechanismError(
-                    f"cables: {what} has shape {np.shape(values)}; it must have shape ({len(joints)},)"
+                    f"cables: {quantity} has shape {np.shape(values)}; it must have shape ({len(joints)},)"
                 )
             for joint, value in zip(joints, values, strict=True):
                 is_in_range = value >= 0
-                least = "at least 0"
-                if what == "stiffness":
+                limit = "at least 0"
+                if quantity == "stiffness":
                     is_in_range = value > 0
-                    least = "above 0"
+                    limit = "above 0"
                 if not (np.isfinite(value) and is_in_range):
-                    raise MechanismError(f"cables: the {what} of {joint.name} is {value:g}; it must be {least}")
+                    raise MechanismError(f"cables: the {quantity} of {joint.name} is {value:g}; it must be {limit}")
         return np.concatenate([self.stiffness, self.play, self.damping, self.coulomb])
 
 
@@ -115,6 +115,11 @@ class CablePlant(MotorPlant):
 
 
 def _kernel(arm: Arm) -> Kernel:
+    """Return the compiled tick: (state (4 n,), motor torques (n,), parameters) -> new state.
+
+    The state has joint values and rates of the links, then those of the motors; the parameters are those of
+    `Physics.checked`, then those of `Cables.checked`.
+    """
     equations = motion(arm.mechanism)
     h = TICK
     count = len(arm.mechanism.active)
@@ -126,19 +131,21 @@ def _kernel(arm: Arm) -> Kernel:
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
     lag = p - equations.q
     stretch = ca.sign(lag) * ca.fmax(ca.fabs(lag) - play, 0)
-    pulls = ca.fabs(lag) > play
+    is_pulling = ca.fabs(lag) > play
     force = K * stretch
     # A step of the velocities changes the force of a cable by h K + D, as long as the cable pulls.
-    stiff = ca.if_else(pulls, h * K + D, 0)
-    coupling = ca.diag(h * stiff)
+    force_per_rate = ca.if_else(is_pulling, h * K + D, 0)
+    coupling = ca.diag(h * force_per_rate)
     M_rotors = T_inverse.T @ ca.diag(rotors) @ T_inverse
     # of links and motors, with the implicit terms
-    inertia = ca.blockcat([[equations.M + coupling, -coupling], [-coupling, M_rotors + ca.diag(h * (stiff + V))]])
+    inertia = ca.blockcat(
+        [[equations.M + coupling, -coupling], [-coupling, M_rotors + ca.diag(h * (force_per_rate + V))]]
+    )
     # momentum after the step without Coulomb friction
-    of_links = equations.M @ equations.qd + h * (force - equations.b)
-    of_motors = M_rotors @ pd + h * (T_inverse.T @ torques - force)
+    link_momentum = equations.M @ equations.qd + h * (force - equations.b)
+    motor_momentum = M_rotors @ pd + h * (T_inverse.T @ torques - force)
     inverse = symmetric_inverse(inertia)
-    v = inverse @ ca.vertcat(of_links, of_motors)
+    v = inverse @ ca.vertcat(link_momentum, motor_momentum)
     # the friction of a joint that does not act at its link acts at its motor
     limits = ca.vertcat(C_links, ca.fmax(C - C_links, 0))
     v = with_coulomb_friction(v, inverse, limits, SWEEPS)

@@ -24,8 +24,8 @@ class MachineComparison:
         """Start with machine and model at rest at joint values q (n,)."""
         self.cue = cue
         self._forward = parts.kin.forward
-        self._loops = bool(parts.arm.mechanism.loops)
-        self._near: list[Array | None] = [None, None]  # last poses of the tools, from which loops are closed
+        self._has_loops = bool(parts.arm.mechanism.loops)
+        self._last_poses: list[Array | None] = [None, None]  # of both tools, from which loops are closed
         self._share = parts.arithmetic.share
         self.rest(q, q)
 
@@ -57,10 +57,12 @@ class MachineComparison:
         return self.cue.force(self.tips[1] - self.tips[0], self.speeds[1] - self.speeds[0])
 
     def _tips(self, machine: Array, model: Array) -> Array:
+        """Return the tips (2, 3) in m in base, at joint values (n,) of machine and model."""
         tips = []
         for i, q in enumerate((machine, model)):
-            if self._loops:
-                self._near[i] = T = self._forward(q, self._near[i])
+            if self._has_loops:
+                T = self._forward(q, self._last_poses[i])
+                self._last_poses[i] = T
             else:
                 T = self._forward(q)
             tips.append(T[:3, 3])

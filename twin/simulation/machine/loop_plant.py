@@ -23,16 +23,16 @@ from twin.simulation.machine.motor_plant import MotorPlant
 from twin.simulation.machine.physics import Physics
 from twin.simulation.machine.tick_kernel import tick_kernel
 
-JAM = 0.02
+JAM_MARGIN = 0.02
 """Margin of the loops (see `ClosedStates`) down to which the linkage moves (ASSUMED); 0 is a singularity."""
 
-FARTHEST = 0.02
+LARGEST_STEP = 0.02
 """Maximum change in a tick of a joint value in m or rad, and of a number of a ball joint's quaternion (ASSUMED)."""
 
-_TOUCHES = 64
+_CONTACT_PASSES = 64
 """Maximum number of passes over the carriages of all rails until all keep their distances."""
 
-_OVERLAP = 1e-12
+_CONTACT_TOLERANCE = 1e-12
 """Difference in m up to which two carriages count as touching."""
 
 
@@ -58,8 +58,8 @@ class LoopPlant(MotorPlant):
         self._count = len(arm.mechanism.active)
         names = [joint.name for joint in arm.mechanism.active]
         self._gaps: list[tuple[int, int, float]] = []
-        for lower, upper, least in gaps:
-            self._gaps.append((names.index(lower), names.index(upper), least))
+        for lower, upper, minimum in gaps:
+            self._gaps.append((names.index(lower), names.index(upper), minimum))
         self.jams = 0
         self.reset(self._solver.q)
 
@@ -86,10 +86,10 @@ class LoopPlant(MotorPlant):
             raise MechanismError(
                 f"{self._arm.mechanism.name}: the loops cannot be closed at q = {np.round(values, 6).tolist()}"
             )
-        if not solved.margin[0] > JAM:
+        if not solved.margin[0] > JAM_MARGIN:
             raise MechanismError(
                 f"{self._arm.mechanism.name}: q = {np.round(values, 6).tolist()} is at a singularity of the loops: "
-                f"their margin is {solved.margin[0]:.3g}, and must be above {JAM:g}"
+                f"their margin is {solved.margin[0]:.3g}, and must be above {JAM_MARGIN:g}"
             )
         rates = np.broadcast_to(np.asarray(qd, float), self._count)
         self._state = np.concatenate([values, rates, solved.states[0]])
@@ -110,7 +110,7 @@ class LoopPlant(MotorPlant):
             )
         states = None
         if self._keep_apart(new_state, old):
-            states = self._solver.close(new_state[:count], old[2 * count :], JAM)
+            states = self._solver.close(new_state[:count], old[2 * count :], JAM_MARGIN)
         if states is None or not self._is_near(np.concatenate([new_state[:count], states]), old):
             self.jams += 1
             new_state = np.concatenate([old[:count], np.zeros(count)])
@@ -121,7 +121,7 @@ class LoopPlant(MotorPlant):
         """Return whether values of all active joints, then of the passive ones, can follow those of the `old` state."""
         n = self._count
         before = np.concatenate([old[:n], old[2 * n :]])
-        return bool(np.abs(values - before).max() <= FARTHEST)
+        return bool(np.abs(values - before).max() <= LARGEST_STEP)
 
     def _keep_apart(self, new_state: Array, old: Array) -> bool:
         """Keep the distances of the carriages in new joint values and rates (2 n,); return whether all are kept.
@@ -129,29 +129,49 @@ class LoopPlant(MotorPlant):
         Carriages that were too close in the `old` state may stay so, but come no closer.
         """
         gaps = []
-        for lower, upper, least in self._gaps:
-            before = old[upper] - old[lower]
-            gaps.append((lower, upper, before if before < least - _OVERLAP else least))
-        for _ in range(_TOUCHES):
-            touched = False
+        for lower, upper, minimum in self._gaps:
+            distance_before = old[upper] - old[lower]
+            if distance_before < minimum - _CONTACT_TOLERANCE:
+                gaps.append((lower, upper, distance_before))
+            else:
+                gaps.append((lower, upper, minimum))
+        # a contact may push a carriage against the next one on its rail: repeat until nothing touches
+        for _ in range(_CONTACT_PASSES):
+            any_touched = False
             for gap in gaps:
-                touched = self._touch(new_state, *gap) or touched
-            if not touched:
+                if self._separate(new_state, *gap):
+                    any_touched = True
+            if not any_touched:
                 return True
-        return all(new_state[upper] - new_state[lower] >= least - _OVERLAP for lower, upper, least in gaps)
+        for lower, upper, minimum in gaps:
+            if not new_state[upper] - new_state[lower] >= minimum - _CONTACT_TOLERANCE:
+                return False
+        return True
 
-    def _touch(self, new_state: Array, lower: int, upper: int, least: float) -> bool:
-        """Let two carriages touch that come closer than their minimum distance; return whether they did."""
+    def _separate(self, new_state: Array, lower: int, upper: int, minimum: float) -> bool:
+        """Move two carriages apart, and let them touch, if they come closer than a minimum distance in m.
+
+        Args:
+            new_state: (2 n,) joint values and rates, which this function changes.
+            lower: index of the joint of the lower carriage.
+            upper: index of the joint of the upper carriage.
+            minimum: their minimum distance in m.
+
+        Returns:
+            Whether they touched.
+        """
         count = self._count
-        overlap = least - (new_state[upper] - new_state[lower])
-        if not overlap > _OVERLAP:
+        overlap = minimum - (new_state[upper] - new_state[lower])
+        if not overlap > _CONTACT_TOLERANCE:
             return False
         low = self.physics.stops[0][lower]
         high = self.physics.stops[1][upper]
         # A carriage at its hard stop does not yield; then the other one moves back alone, and both are at rest.
-        down = min(overlap / 2, max(new_state[lower] - low, 0.0))
-        up = min(overlap - down, max(high - new_state[upper], 0.0))
-        down = min(overlap - up, max(new_state[lower] - low, 0.0))
+        space_below = max(new_state[lower] - low, 0.0)
+        space_above = max(high - new_state[upper], 0.0)
+        down = min(overlap / 2, space_below)
+        up = min(overlap - down, space_above)
+        down = min(overlap - up, space_below)
         new_state[lower] -= down
         new_state[upper] += up
         rate = (new_state[count + lower] + new_state[count + upper]) / 2

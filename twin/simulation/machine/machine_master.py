@@ -15,7 +15,8 @@ import numpy as np
 
 from twin.core.errors import DescriptionError, KinematicsError
 from twin.core.spatial import Array
-from twin.simulation.controllers.trainer import Smooth, TrainerLimits
+from twin.simulation.controllers.packet_smoother import PacketSmoother
+from twin.simulation.controllers.trainer_states import TrainerLimits
 from twin.simulation.machine.itp import ahead, number_of, pack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import MachineLink
@@ -76,7 +77,7 @@ class MachineMaster:
         self.link = link
         self.parts = parts
         self._limits = limits
-        self._smoother = Smooth(limits, number.grasp_step.value, TICK)
+        self._smoother = PacketSmoother(limits, number.grasp_step.value, TICK)
         speed_limits = []
         for joint in parts.arm.mechanism.active:
             speed_limits.append(joint.max_speed or np.inf)
@@ -205,7 +206,7 @@ class MachineMaster:
         self._pace = min(max(self._pace * factor, _SLOWEST), 1.0)
         speed = self._pace * self._limits.speed
         turn = self._pace * self._limits.turn
-        self._smoother.slow(replace(self._limits, speed=speed, turn=turn))
+        self._smoother.set_limits(replace(self._limits, speed=speed, turn=turn))
 
     def _begin(self, state: State) -> bool:
         """Begin the increments at the pose of the machine's desired joint values; return whether this is possible."""

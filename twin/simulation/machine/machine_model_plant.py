@@ -14,7 +14,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.model.trainer import MODEL
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.controllers.trainer import TrainerPhase
+from twin.simulation.controllers.trainer_states import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, SEQUENCE, TICK
 from twin.simulation.machine.comparison import MachineComparison
 from twin.simulation.machine.itp import ahead, number_of, pack

@@ -29,6 +29,7 @@ class Servo:
         mechanism: the robot, for the order of the motors.
         arithmetic: the compiled control of the motors.
         mode, policy: name of the limits of the DAC, and reaction to commands above them.
+        limit: (n,) largest counts of the DAC of the mode.
         violations: (n,) for each motor, number of commands so far that exceeded the limit of the mode.
         stop: reason why the arm must stop; "" without a reason.
     """
@@ -40,20 +41,21 @@ class Servo:
     policy: Policy
     stop: str = ""
     violations: np.ndarray = field(init=False)
-    _sum: Array = field(init=False)
+    _integral: Array = field(init=False)
 
     def __post_init__(self) -> None:
         motors = self.settings.of_motors(self.mechanism)
         self.limit = np.array([getattr(motor.dac, self.mode) for motor in motors])
         self.reset()
-        self._stop_dac = self.settings.number.stop_dac.value
-        self._passed = np.minimum(self.limit, self._stop_dac).tolist()
-        self._most = self.settings.number.violations.value
+        self._stop_counts = self.settings.number.stop_dac.value
+        # commands up to these counts need no further check
+        self._unchecked_counts = np.minimum(self.limit, self._stop_counts).tolist()
+        self._allowed_violations = self.settings.number.violations.value
 
     def reset(self) -> None:
         """Reset the integral of the error, the violations and the stop."""
         n = len(self.limit)
-        self._sum = np.zeros(n)
+        self._integral = np.zeros(n)
         self.violations = np.zeros(n, int)
         self.stop = ""
 
@@ -64,41 +66,42 @@ class Servo:
             return int(self.violations.sum())
         return int(self.violations.max())
 
-    def counts_of(self, error: Array, change: Array, efforts: Array) -> Array:
+    def counts_of(self, error: Array, error_rate: Array, efforts: Array) -> Array:
         """Return the counts of the DAC (n,), whole numbers; all 0 if the arm must stop.
 
         Args:
             error: (n,) desired minus measured motor angles in rad.
-            change: (n,) desired minus measured rates in rad/s.
+            error_rate: (n,) desired minus measured rates in rad/s.
             efforts: (n,) joint efforts of the gravity compensation in N m or N.
         """
-        drive = self.arithmetic.drive(error, change, efforts, self._sum)
+        drive = self.arithmetic.drive(error, error_rate, efforts, self._integral)
         n = len(error)
-        self._sum = drive[:n]
+        self._integral = drive[:n]
         command = drive[n:]
-        # The usual case, without the time of the numpy calls below.
-        if not self.stop and all(map(le, map(abs, command.tolist()), self._passed)):
+        # The usual case, without the time of the numpy calls below; NaN fails the comparison.
+        if not self.stop and all(map(le, map(abs, command.tolist()), self._unchecked_counts)):
             return command
-        size = np.abs(command)
+        magnitudes = np.abs(command)
         names = self.mechanism.motor_names
-        over = size > self.limit
-        if not size.max() <= self._stop_dac:  # NaN counts as above every limit
-            i = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
-            self.stop = f"the command for {names[i]} is {command[i]:.0f} DAC counts (limit {self._stop_dac:.0f})"
-        elif over.any():
-            self.violations += over
-            if self.policy == "hard" and self.counted > self._most:
-                i = int(np.argmax(over))
+        is_over = magnitudes > self.limit
+        if not magnitudes.max() <= self._stop_counts:  # NaN counts as above every limit
+            i = int(np.argmax(np.where(np.isnan(magnitudes), np.inf, magnitudes)))
+            self.stop = f"the command for {names[i]} is {command[i]:.0f} DAC counts (limit {self._stop_counts:.0f})"
+        elif is_over.any():
+            self.violations += is_over
+            if self.policy == "hard" and self.counted > self._allowed_violations:
+                i = int(np.argmax(is_over))
+                allowed = f"{self._allowed_violations:.0f} are allowed"
                 self.stop = (
-                    f"{self.counted} commands exceed the limit of mode {self.mode} ({self._most:.0f} are allowed); the "
+                    f"{self.counted} commands exceed the limit of mode {self.mode} ({allowed}); the "
                     f"last one is {command[i]:.0f} DAC counts for {names[i]} (limit {self.limit[i]:.0f})"
                 )
         if self.stop:
             return np.zeros_like(command)
-        if self.policy == "none" or not over.any():
+        if self.policy == "none" or not is_over.any():
             return command
         return np.clip(command, -self.limit, self.limit)
 
     def torques(self, counts: Array) -> Array:
         """Return the motor torques (n,) in N m for counts of the DAC (n,)."""
-        return counts / self.arithmetic.counts
+        return counts / self.arithmetic.counts_per_effort

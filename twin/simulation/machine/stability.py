@@ -20,7 +20,7 @@ from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.physics import TICK
 from twin.simulation.machine.settings import Motor, Settings
 
-_MOST = 1 + 1e-6
+_LARGEST_EIGENVALUE = 1 + 1e-6
 """Largest accepted magnitude of an eigenvalue; above it, a deviation grows by more than the factor e in 1000 s."""
 
 
@@ -33,8 +33,8 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     """
     values, vectors = np.linalg.eig(_tick(arm, settings, q))
     i = int(np.argmax(np.abs(values)))
-    size = float(np.abs(values[i]))
-    if size <= _MOST:
+    magnitude = float(np.abs(values[i]))
+    if magnitude <= _LARGEST_EIGENVALUE:
         return
     n = len(q)
     motion = vectors[:, i]
@@ -42,11 +42,13 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     weights = np.sqrt(np.diag(arm.dynamics().mass_matrix(q)))
     joint = int(np.argmax(np.abs(motion[:n]) * weights))
     motor = _motor_of(joint, arm, settings, motion)
-    hertz = abs(np.angle(values[i])) / (2 * np.pi * TICK)
-    doubled = np.log(2) / np.log(size) * TICK
+    frequency = abs(np.angle(values[i])) / (2 * np.pi * TICK)
+    doubling_time = np.log(2) / np.log(magnitude) * TICK
+    name = arm.mechanism.active[joint].name
+    gains = f"kp = {motor.kp:g}, kd = {motor.kd:g} or ki = {motor.ki:g} of {motor.name}"
     raise MechanismError(
-        f"the gains make {arm.mechanism.active[joint].name} oscillate with {hertz:.3g} Hz: a deviation doubles in "
-        f"{doubled * 1e3:.3g} ms; reduce kp = {motor.kp:g}, kd = {motor.kd:g} or ki = {motor.ki:g} of {motor.name}"
+        f"the gains make {name} oscillate with {frequency:.3g} Hz: a deviation doubles in "
+        f"{doubling_time * 1e3:.3g} ms; reduce {gains}"
     )
 
 
@@ -60,8 +62,8 @@ def _motor_of(joint: int, arm: Arm, settings: Settings, motion: Array) -> Motor:
     unit[joint] = 1.0
     moving = np.flatnonzero(mechanism.motors(unit))
     _, _, torque = _motor_rows(arm, settings)
-    turns = np.linalg.solve(mechanism.motor_matrix, motion[: len(unit)])
-    energies = np.abs(torque @ motion) * np.abs(turns)
+    motor_angles = np.linalg.solve(mechanism.motor_matrix, motion[: len(unit)])
+    energies = np.abs(torque @ motion) * np.abs(motor_angles)
     strongest = moving[int(np.argmax(energies[moving]))]
     return settings.of_motors(mechanism)[strongest]
 
@@ -78,12 +80,12 @@ def _motor_rows(arm: Arm, settings: Settings) -> tuple[Array, Array, Array]:
         ki[i, i] = motor.ki / motor.gear
     A = np.asarray(np.linalg.inv(arm.mechanism.motor_matrix), np.float64)
     c = 1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK)
-    one = np.eye(len(motors))
-    none = np.zeros_like(one)
+    identity = np.eye(len(motors))
+    zeros = np.zeros_like(identity)
     # A (q - q_before) / h is A v, because q = q_before + h v.
-    w = np.hstack([none, c * A, (1 - c) * one, none])
-    s = np.hstack([-TICK * A, none, none, one])
-    torque = np.hstack([-kp @ A, none, none, none]) - kd @ w + ki @ s
+    w = np.hstack([zeros, c * A, (1 - c) * identity, zeros])
+    s = np.hstack([-TICK * A, zeros, zeros, identity])
+    torque = np.hstack([-kp @ A, zeros, zeros, zeros]) - kd @ w + ki @ s
     return w, s, torque
 
 
@@ -93,10 +95,10 @@ def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
     M = dynamics.mass_matrix(q)
     V = np.diag(dynamics.friction)
     A = np.linalg.inv(arm.mechanism.motor_matrix)
-    one = np.eye(len(q))
-    none = np.zeros_like(one)
+    identity = np.eye(len(q))
+    zeros = np.zeros_like(identity)
     w, s, torque = _motor_rows(arm, settings)
-    momentum = np.hstack([none, M, none, none]) + TICK * A.T @ torque
+    momentum = np.hstack([zeros, M, zeros, zeros]) + TICK * A.T @ torque
     v = np.linalg.solve(M + TICK * V, momentum)
-    q_new = np.hstack([one, none, none, none]) + TICK * v
+    q_new = np.hstack([identity, zeros, zeros, zeros]) + TICK * v
     return np.vstack([q_new, v, w, s]).astype(float)

@@ -24,7 +24,7 @@ class Wire:
     def __init__(self, faults: Sequence[Fault]) -> None:
         """Store the faults of the signal `wire`."""
         self._faults = faults
-        self._tick = 0  # sequence of calls of `carry`
+        self._tick = 0  # number of calls of `carry`
         self._late: list[tuple[int, bytes, Sender]] = []  # (tick of arrival, packet, sender)
 
     def carry(self, t: float, packets: Iterable[tuple[bytes, Sender]]) -> list[tuple[bytes, Sender]]:

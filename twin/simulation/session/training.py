@@ -16,7 +16,7 @@ from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation import machine_scene
-from twin.simulation.controllers.trainer import TrainerPhase, Why, told
+from twin.simulation.controllers.trainer_states import TrainerPhase, TrainerReason, reason_text
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.session import movement
@@ -194,13 +194,13 @@ def _steps(
         phase_number, why, value = phase[first]
         record = float("nan")
         # at the limit of the record, the model is at rest
-        if phase_number == TrainerPhase.REHEARSE and why != Why.FULL:
+        if phase_number == TrainerPhase.REHEARSE and why != TrainerReason.FULL:
             rehearsed = model[first:end_row]
         elif phase_number == TrainerPhase.REPLAY and rehearsed is not None:
             record = _apart(tip[first:end_row], rehearsed, longest_lag)
         part = deviation[first:end_row]
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
-        text = told(Why(int(why)), float(value), bounds, robot)
+        text = reason_text(TrainerReason(int(why)), float(value), bounds, robot)
         begin = float(t[first])
         end = float(t[first] + (end_row - first) * recording.dt)
         steps.append(TrainingSpan(TrainerPhase(int(phase_number)), begin, end, largest, record, text))

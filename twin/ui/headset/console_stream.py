@@ -22,7 +22,7 @@ from twin.model.trainer import MODEL
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.tool_following import SCALE
-from twin.simulation.controllers.trainer import Mode
+from twin.simulation.controllers.trainer_states import TrainerMode
 from twin.simulation.devices.packets import Packets
 from twin.simulation.devices.received_hands import HandState
 from twin.simulation.world.signal_kinds import ROBOT_Q
@@ -394,7 +394,7 @@ class ConsoleStream(LiveConsole):
             case FulcrumMessage():
                 self.choose_fulcrum(client, message.mode)
             case TrainingMessage():
-                self.train(client, Mode[message.mode.upper()])
+                self.train(client, TrainerMode[message.mode.upper()])
             case ButtonMessage():
                 self.press(client, message.button)
             case PlanMessage():

@@ -13,7 +13,7 @@ from twin.core.units import DEG, MM
 from twin.model.task import goal_of, required_goal
 from twin.simulation import console_scene
 from twin.simulation.console_scene import PEDALS
-from twin.simulation.controllers.trainer import TrainerPhase
+from twin.simulation.controllers.trainer_states import TrainerPhase
 from twin.simulation.session import movement
 from twin.simulation.tasks.align.camera_task import AlignMeasures
 from twin.simulation.tasks.align.play import AlignOutcome

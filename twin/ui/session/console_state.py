@@ -14,8 +14,8 @@ from twin.core.units import DEG, MM
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.camera import Drag
+from twin.simulation.controllers.instrument_pivot import FULCRUMS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
-from twin.simulation.controllers.pivot import FULCRUMS
 from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, Signals, World
 from twin.simulation.world.signal_kinds import (

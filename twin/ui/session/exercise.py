@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from twin.model.task import ConsoleTask
     from twin.simulation.condition import Condition
-    from twin.simulation.controllers.pivot import Fulcrum
+    from twin.simulation.controllers.instrument_pivot import Fulcrum
     from twin.simulation.session.trial_table import TrialTable
     from twin.ui.session.forms import QuestionnaireForms
     from twin.ui.session.task_choice import TaskChoice
@@ -35,7 +35,7 @@ class Exercise:
         condition: condition of the experiment, including whether the hands feel forces; None: the default of the
             scene.
         fulcrum: which end of the instruments the hands control at the start: the tips ("compensated") or the outer ends
-            ("direct"); see `twin.simulation.controllers.pivot`.
+            ("direct"); see `twin.simulation.controllers.instrument_pivot`.
         trials: table to which each attempt adds a row; None: no table.
         ended: function that is called when an attempt has ended, by its task or on the page; None: nothing is called.
         guided: whether other content follows at the same address, so that the page reloads itself.

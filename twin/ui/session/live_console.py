@@ -25,8 +25,8 @@ from twin.model.trainer import MODEL
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
-from twin.simulation.controllers.trainer import Mode
+from twin.simulation.controllers.instrument_pivot import FULCRUMS, Fulcrum
+from twin.simulation.controllers.trainer_states import TrainerMode
 from twin.simulation.devices.combined_devices import CombinedDevices
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.received_hands import HandState, ReceivedHands
@@ -525,7 +525,7 @@ class LiveConsole:
             raise TwinError(f"{robot} cannot carry '{tool}'; only {', '.join(carriers)} can carry it")
         self.device.set(ROBOT_TOOL.of(robot), list(tools).index(tool))
 
-    def train(self, client: str, mode: Mode) -> None:
+    def train(self, client: str, mode: TrainerMode) -> None:
         """Request a mode of the machines' trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay.
 
         Raises:

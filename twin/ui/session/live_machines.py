@@ -8,7 +8,16 @@ from twin.api.machine import Machines
 from twin.core.json_types import JsonObject
 from twin.model.scene import Scene
 from twin.simulation import machine_scene
-from twin.simulation.controllers.trainer import MODE, VIEW, Mode, TrainerPhase, Why, asked, mode_of, told
+from twin.simulation.controllers.trainer_states import (
+    MODE,
+    TrainerMode,
+    TrainerPhase,
+    TrainerReason,
+    mode_of,
+    mode_setting,
+    reason_text,
+)
+from twin.simulation.controllers.view_switch import VIEW
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
 from twin.simulation.devices.received_hands import ReceivedHands
 from twin.simulation.machine.levels import Level
@@ -50,10 +59,10 @@ class LiveMachines:
         """End the connections."""
         self._machines.close()
 
-    def ask(self, mode: Mode) -> None:
+    def ask(self, mode: TrainerMode) -> None:
         """Request a mode of the trainer: teleoperation, rehearsal, check of the rehearsed motion, or replay."""
         self._requests += 1  # the number tells the trainer a repeated request from a lasting one
-        self._device.set(MODE, asked(mode, self._requests))
+        self._device.set(MODE, mode_setting(mode, self._requests))
 
     def press(self, button: str) -> None:
         """Press the button "start" or "stop" of all machines."""
@@ -81,7 +90,7 @@ class LiveMachines:
             robots[name] = {
                 "level": level,
                 "phase": TrainerPhase(int(phase)).name.lower(),
-                "why": told(Why(int(reason)), float(value), bounds, name) or None,
+                "why": reason_text(TrainerReason(int(reason)), float(value), bounds, name) or None,
                 "problem": link.problem or None,
             }
         view = "virtual" if signals[VIEW][0] > 0.5 else "real"

@@ -26,7 +26,7 @@ from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.controllers.plan_states import OFF
-from twin.simulation.controllers.trainer import TrainerPhase
+from twin.simulation.controllers.trainer_states import TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World

@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.kinematics.compiled import POSE_TOL
-from twin.simulation.controllers.velocity import step
+from twin.simulation.controllers.jacobian_step import step
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_GOAL, ROBOT_JAW
