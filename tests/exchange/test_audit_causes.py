@@ -32,9 +32,9 @@ from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
 from twin.exchange.formats.unity.audit.shipped_files import PACKAGE
 from twin.exchange.formats.urdf.audit import Urdf
-from twin.exchange.formats.usd.audit import _check_cones
-from twin.exchange.formats.usd.audit.declared import _check_range
+from twin.exchange.formats.usd.audit.listed_numbers import check_cones
 from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
+from twin.exchange.formats.usd.audit.time_samples import check_time_range
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +200,7 @@ def test_a_cone_is_that_of_a_parameter_of_several_balls():
         ball.CreateBody1Rel().SetTargets([bodies[1].GetPath()])
         ball.GetPrim().CreateAttribute("twin:cone", Sdf.ValueTypeNames.Double).Set(cone)
     ledger = Ledger("arm.usda")
-    _check_cones(stage, stage_mechanism(stage, bodies, 1.0, "Z"), ledger)
+    check_cones(stage, stage_mechanism(stage, bodies, 1.0, "Z"), ledger)
     assert [f.where for f in ledger.found] == ["arm.usda: s2"]
 
 
@@ -416,7 +416,7 @@ def test_a_layer_of_a_motion_below_that_of_the_robot_is_named(sublayers, hidden,
     stage.GetRootLayer().subLayerPaths = [f"./{name}.usda" for name in sublayers]
     stage.SetEndTimeCode(1.0)
     ledger = Ledger("played.usda")
-    _check_range(stage, np.array([] if hidden else [0.0, 1.0]), ledger)
+    check_time_range(stage, np.array([] if hidden else [0.0, 1.0]), ledger)
     told = [finding.message for finding in ledger.found]
     assert len(told) == hidden
     assert not hidden or "motion.usda has time samples of /arm.xformOp:translate" in told[0]

@@ -14,8 +14,8 @@ from twin.core.foreign.admit import admit
 from twin.exchange.audit.folder_files import SCENE
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Ledger, Measured, ReadError, guarded, quantity
-from twin.exchange.formats.usd.audit import StageWorld
 from twin.exchange.formats.usd.audit.checks import version
+from twin.exchange.formats.usd.audit.stage_world import StageWorld
 from twin.usd.check import run_usd_validators
 
 REACH = 0.1

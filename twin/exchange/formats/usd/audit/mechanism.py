@@ -14,8 +14,9 @@ from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
-from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
+from twin.exchange.formats.usd.audit.declared import is_ours
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
+from twin.exchange.formats.usd.audit.unread_attributes import further_declarations
 
 
 def stage_mechanism(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FileMechanism:
