@@ -137,6 +137,15 @@ def test_relative_poses_lead_through_joints_and_frames():
     assert m.frame("eye").body == "b"
 
 
+def test_a_model_placed_by_a_frame_that_is_placed_in_the_world_is_an_error(tmp_path):
+    file = tmp_path / "circle.sdf"
+    text = "<sdf version='1.9'><model name='m' placement_frame='f'><link name='a'/><link name='b'/><frame name='f'>"
+    text += "<pose relative_to='world'/></frame><joint name='j' type='fixed'><parent>a</parent><child>b</child></joint>"
+    file.write_text(f"{text}</model></sdf>")
+    with pytest.raises(SourceError, match="the frame that places the model is itself placed in the world"):
+        read(file)
+
+
 def test_the_loop_of_a_world_closes():
     imported = close(read(WORLDS / "loop.sdf"))
     assert [j.name for j in imported.mechanism.loops] == ["meet"]

@@ -16,6 +16,8 @@ from twin.core.errors import MechanismError, NoMechanismError, SourceError, Unsu
 from twin.core.identifiers import identifier
 from twin.core.spatial import Array
 from twin.exchange.formats.sdf.read.flat_model import robot_of
+from twin.exchange.formats.sdf.read.left_out import find_left_out
+from twin.exchange.formats.sdf.read.poses import ModelPoses
 from twin.exchange.read.imported_robot import (
     Findings,
     Imported,
@@ -25,7 +27,6 @@ from twin.exchange.read.imported_robot import (
     limits,
     pose_along,
     possible_inertia,
-    rpy,
     stated_gravity,
 )
 from twin.exchange.read.shapes import (
@@ -62,28 +63,6 @@ _UNLIMITED = 1e16
 _POSE_ROUNDING = 1e-12
 """Difference of equal poses, in m and in entries of rotation matrices, that is only rounding."""
 
-_SHORTEST_QUATERNION = 1e-9
-"""Length up to which a quaternion is zero, and so no rotation."""
-
-
-_READ_ELEMENTS = {
-    "model": {"link", "joint", "frame", "pose"},
-    "link": {"visual", "collision", "inertial", "pose"},
-    "joint": {"parent", "child", "axis", "pose"},
-    "axis": {"xyz", "limit", "mimic", "initial_position"},
-    "limit": {"lower", "upper", "velocity", "effort"},
-    "visual": {"geometry", "material", "pose", "transparency"},
-    "material": {"diffuse"},
-}
-"""{name of a parent element: names of the child elements that are read}."""
-
-_HARMLESS = {"static", "self_collide", "allow_auto_disable", "enable_wind", "gravity", "cast_shadows", "ambient"}
-_HARMLESS |= {"specular", "emissive", "lighting", "laser_retro", "meta", "must_be_base_link", "physics", "kinematic"}
-"""Elements that affect only simulation or lighting; they are reported as notes, not as warnings."""
-
-_EMPTY = ("0", "0.0", "-1", "inf", "1e+16", "1e16", "")
-"""Texts for which an element has no effect; an unread element with one of these texts is not reported."""
-
 
 def read_sdf(path: Path, root: str | None = None) -> Imported:
     """Read an SDF file.
@@ -102,8 +81,7 @@ class _Sdf:
     Attributes:
         model: the model to read, flat: with the content of nested models and includes.
         links, elements: {name: element} of the links, and of links, joints and frames.
-        poses: {name: T_model_x (4, 4)} of elements whose pose has been resolved.
-        T_world_model: pose of the model in the world.
+        poses: the poses of these elements in the model.
         efforts: {joint: maximum effort in N or N m}.
     """
 
@@ -126,8 +104,7 @@ class _Sdf:
         self.links = links
         # before SDF 1.7, a joint may have the name of a link: where a pose refers to the name, it is the link
         self.elements = {**frame_elements, **joints, **links}
-        self.poses: dict[str, Array] = {}
-        self.T_world_model = self._model_pose()
+        self.poses = ModelPoses(self.xml, self.model, links, self.elements, self.findings)
         body_names = Names("link", links, self.findings, reserved=(WORLD,))
         joint_names = Names("joint", joints, self.findings)
         mechanism_joints: list[Joint] = []
@@ -160,7 +137,7 @@ class _Sdf:
                 couplings.append(coupling)
         followers = {coupling.joints[0] for coupling in couplings}
         mechanism_joints = self._with_driven_joints(mechanism_joints, base, followers, joint_names)
-        self.findings += _find_left_out(self.model, self.xml)
+        self.findings += find_left_out(self.model, self.xml)
         for text in self.xml.repaired:
             self.findings.warn("xml", text, self.path.name)
         efforts: dict[str, float] = {}
@@ -189,24 +166,10 @@ class _Sdf:
         names = Names("frame", visible_frames, self.findings)
         frames: list[Frame] = []
         for frame in visible_frames:
-            link = self._carrier(frame)
-            T_link_frame = spatial.inverse(self._pose_in_model(link)) @ self._pose_in_model(frame)
+            link = self.poses.carrier(frame)
+            T_link_frame = spatial.inverse(self.poses.in_model(link)) @ self.poses.in_model(frame)
             frames.append(Frame(names[frame], body_names[link], T_link_frame))
         return frames
-
-    def _model_pose(self) -> Array:
-        """Return T_world_model (4, 4), the pose of the model in the world."""
-        where = f"model '{self.model.get('name')}'"
-        pose = self.model.find("pose")
-        relative = ""
-        if pose is not None:
-            relative = pose.get("relative_to") or ""
-        if relative not in ("", "world"):
-            text = f"{where}: its pose relative to '{relative}' is not read; the model is placed at the origin."
-            self.findings.warn("pose", text, where)
-            return np.eye(4)
-        T_world_placed = self._pose(self.model, where)
-        return T_world_placed @ spatial.inverse(self._pose_in_model(self.model.get("placement_frame") or ""))
 
     def _gravity(self) -> tuple[float, float, float]:
         """Return the gravity of the world in m/s2; that of the earth if the file states none."""
@@ -220,7 +183,7 @@ class _Sdf:
         world. `taken_names` are the names of the other joints.
         """
         link_of = {names[link]: link for link in self.links}
-        T_world_link = self.T_world_model @ self._pose_in_model(link_of[root])
+        T_world_link = self.poses.T_world_model @ self.poses.in_model(link_of[root])
         is_static = (self.model.findtext("static") or "").strip() in ("true", "1")
         # A product of poses has rounding errors of about 1e-16.
         if is_static and np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=_POSE_ROUNDING):
@@ -318,74 +281,6 @@ class _Sdf:
             raise UnsupportedError(f"{self.path}: expected one base link, found {', '.join(roots)}")
         return roots[0]
 
-    # -- poses ----------------------------------------------------------------------------------------
-
-    def _pose(self, element: Element, where: str) -> Array:
-        pose = element.find("pose")
-        if pose is None or not (pose.text or "").strip():
-            return np.eye(4)
-        notation = pose.get("rotation_format", "euler_rpy")
-        if notation == "quat_xyzw":
-            values = self.xml.numbers(where, "pose", pose.text, 7, None)
-            x, y, z, w = values[3:]
-            length = float(np.linalg.norm(values[3:]))
-            if not length > _SHORTEST_QUATERNION:
-                self.xml.fail(where, f"pose: the quaternion {x:g} {y:g} {z:g} {w:g} has length 0")
-            # Normalised, because the few digits of a file leave a length that is not exactly 1.
-            return spatial.pose(spatial.matrix_from_quat_wxyz(np.array([w, x, y, z]) / length), values[:3])
-        if notation != "euler_rpy":
-            self.xml.fail(where, f"pose: rotation_format '{notation}' is unknown: use euler_rpy or quat_xyzw")
-        values = self.xml.numbers(where, "pose", pose.text, 6, None)
-        angles = values[3:]
-        if pose.get("degrees") in ("true", "1"):
-            angles = angles * (np.pi / 180)
-        return spatial.pose(rpy(angles), values[:3])
-
-    def _pose_in_model(self, name: str, visited: tuple[str, ...] = ()) -> Array:
-        """Return T_model_x (4, 4) for x, the link, joint or frame with the given name."""
-        if name in ("__model__", ""):
-            return np.eye(4)
-        if name == WORLD:
-            return spatial.inverse(self.T_world_model)
-        if name in self.poses:
-            return self.poses[name]
-        if name not in self.elements:
-            raise SourceError(f"{self.path}: pose, relative_to: {unknown('link, joint or frame', name, self.elements)}")
-        if name in visited:
-            self.xml.fail(f"'{name}'", f"the pose is relative to itself: {' -> '.join((*visited, name))}")
-        element = self.elements[name]
-        T_model_relative = self._pose_in_model(_relative_to(element), (*visited, name))
-        T_relative_x = self._pose(element, f"{element.tag} '{name}'")
-        self.poses[name] = T_model_relative @ T_relative_x
-        return self.poses[name]
-
-    def _joint_pose(self, name: str, joint: Element) -> Array:
-        """Return T_model_joint (4, 4), also of a joint that has the name of a link."""
-        if self.elements[name] is joint:
-            return self._pose_in_model(name)
-        return self._pose_in_model(_relative_to(joint)) @ self._pose(joint, f"joint '{name}'")
-
-    def _carrier(self, name: str, visited: tuple[str, ...] = ()) -> str:
-        """Return the link that carries the link, joint or frame with the given name."""
-        if name in self.links:
-            return name
-        if name in visited:
-            raise SourceError(f"{self.path}: frame '{name}' is attached to itself")
-        element = self.elements.get(name)
-        if element is None:
-            raise SourceError(f"{self.path}: frame '{name}' does not exist")
-        if element.tag == "joint":
-            carrier = element.findtext("child")
-        else:
-            carrier = element.get("attached_to")
-        carrier = (carrier or "").strip()
-        if not carrier:
-            # A frame without `attached_to` belongs to the model, whose canonical link is its first one.
-            carrier = next(iter(self.links))
-        return self._carrier(carrier, (*visited, name))
-
-    # -- parts ----------------------------------------------------------------------------------------
-
     def _joint(self, name: str, label: str, joint: Element, names: Names) -> Joint:
         where = f"joint '{name}'"
         kind = joint.get("type")
@@ -397,12 +292,12 @@ class _Sdf:
         child = self._end_link(where, joint, "child")
         if child == "world":
             self.xml.fail(where, "the child of the joint is the world: exchange parent and child")
-        T_model_joint = self._joint_pose(name, joint)
+        T_model_joint = self.poses.of_joint(name, joint)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
             T_model_joint, values = self._axis(name, where, kind, joint, T_model_joint)
-        T_parent_joint = spatial.inverse(self._pose_in_model(parent)) @ T_model_joint
-        T_child_joint = spatial.inverse(self._pose_in_model(child)) @ T_model_joint
+        T_parent_joint = spatial.inverse(self.poses.in_model(parent)) @ T_model_joint
+        T_child_joint = spatial.inverse(self.poses.in_model(child)) @ T_model_joint
         parent_body = parent if parent == "world" else names[parent]
         return Joint(label, TYPES[kind], parent_body, names[child], T_parent_joint, T_child_joint, **values)
 
@@ -413,7 +308,7 @@ class _Sdf:
             return link
         if link not in self.elements:
             self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
-        return self._carrier(link)
+        return self.poses.carrier(link)
 
     def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
         axis = joint.find("axis")
@@ -429,7 +324,7 @@ class _Sdf:
         direction = self.xml.axis(where, "axis xyz", components, (0, 0, 1))
         if expressed:
             R_joint_model = T[:3, :3].T
-            direction = R_joint_model @ self._pose_in_model(expressed)[:3, :3] @ direction
+            direction = R_joint_model @ self.poses.in_model(expressed)[:3, :3] @ direction
         values: dict = {"active": True}
         low = None
         high = None
@@ -463,7 +358,7 @@ class _Sdf:
         element = link.find("inertial")
         if element is None:
             return None
-        T_link_com = self._pose(element, where)
+        T_link_com = self.poses.stated(element, where)
         # The defaults of the SDF specification: a mass of 1 kg, and 1 kg m2 about each axis.
         tensor = self.xml.tensor(where, lambda key: element.findtext(f"inertia/{key}"), np.eye(3))
         mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
@@ -496,7 +391,7 @@ class _Sdf:
             if meshes:
                 label += f"_{len(meshes) + 1}"
             color = self._color(element, where)
-            meshes.append(placed_mesh(label, vertices, triangles, self._pose(element, where), color))
+            meshes.append(placed_mesh(label, vertices, triangles, self.poses.stated(element, where), color))
         return meshes
 
     def _color(self, element: Element, where: str) -> Color:
@@ -505,71 +400,6 @@ class _Sdf:
         transparency = self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
         alpha *= 1.0 - transparency
         return (red, green, blue, min(max(alpha, 0.0), 1.0))
-
-
-def _relative_to(element: Element) -> str:
-    """Return the name of the frame in which a link, joint or frame states its pose; "" for that of the model."""
-    relative = ""
-    pose = element.find("pose")
-    if pose is not None:
-        relative = pose.get("relative_to") or ""
-    # Without `relative_to`, a joint is relative to its child link, and a frame to the link that carries it.
-    if not relative and element.tag == "joint":
-        relative = (element.findtext("child") or "").strip()
-    if not relative and element.tag == "frame":
-        relative = element.get("attached_to") or ""
-    return relative
-
-
-def _find_left_out(model: Element, xml: Xml) -> Findings:
-    findings = Findings()
-    if xml.root.find("world") is not None:
-        unread_elements: set[str] = set()
-        for world in xml.root.findall("world"):
-            for element in world:
-                unread_elements.add(str(element.tag))
-        unread_elements -= {"model", "gravity"}
-        if unread_elements:
-            listed = ", ".join(sorted(unread_elements))
-            findings.note("unread", f"the elements {listed} of the world are not read.", "world")
-    _report_children(model, "model", f"model '{model.get('name')}'", findings)
-    return findings
-
-
-def _report_children(element: Element, kind: str, where: str, findings: Findings) -> None:
-    for child in element:
-        tag = str(child.tag)
-        name = child.get("name")
-        label = f"{where}, {tag}"
-        if name:
-            label += f" '{name}'"
-        if tag == "collision" and element.find("visual") is not None:
-            findings.note("collision", f"{label} is not imported: the visual meshes are used for collision.", where)
-        elif tag not in _READ_ELEMENTS[kind]:
-            _report_unread(child, tag, where, findings)
-        elif tag in _READ_ELEMENTS:
-            if tag in ("link", "joint"):  # their names are unique in the model, so no more is needed
-                label = f"{tag} '{name}'"
-            _report_children(child, tag, label, findings)
-
-
-def _report_unread(child: Element, tag: str, where: str, findings: Findings) -> None:
-    if tag in ("dynamics", "stiffness", "dissipation"):
-        values: list[str] = []
-        for element in child.iter():  # begins with `child` itself, which may have a value or children
-            text = (element.text or "").strip()
-            if len(element) == 0 and text not in _EMPTY:
-                values.append(f"{element.tag} {text}")
-        if values:
-            listed = ", ".join(values)
-            findings.warn("friction", f"{where}: {listed} is not imported.", where)
-    elif tag == "plugin" and child.find(".//joint_name") is not None:
-        text = f"{where}: of <plugin> '{child.get('name', '')}', only the names of the driven joints are read."
-        findings.note("unread", text, where)
-    elif tag in _HARMLESS:
-        findings.note("unread", f"{where}: <{tag}> is not imported.", where)
-    else:
-        findings.warn("unread", f"{where}: <{tag}> is not read.", where)
 
 
 def read(path: Path, options: Options) -> Imported:
