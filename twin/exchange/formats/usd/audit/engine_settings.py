@@ -18,7 +18,6 @@ _TESTED_SETTINGS: Mapping[str, str | bool | int] = {
 }
 """Settings of engines at which the stages were tested (tests/witness/test_physx.py)."""
 
-
 _SCHEMA_OF_PROPERTY = (
     (r"physxJoint:.*", "PhysxJointAPI"),
     (r"state:(\w+):.*", r"PhysicsJointStateAPI:\1"),

@@ -22,14 +22,11 @@ _READ_ATTRIBUTES = re.compile(
 )
 """Attributes that other checks and comparisons read."""
 
-
 _READ_RELATIONSHIPS = re.compile(r"physics:body[01]|material:binding|physxMimicJoint:.*:referenceJoint|proxyPrim")
 """Relationships that other checks and comparisons read."""
 
-
 _LONGEST_VALUE = 60
 """Number of letters of a value that a finding shows."""
-
 
 _LOOK_SCHEMAS = (UsdGeom.Gprim, UsdGeom.Subset, UsdShade.Material, UsdShade.Shader)
 """Prims whose further declarations act on contacts or on the look."""
