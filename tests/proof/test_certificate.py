@@ -13,7 +13,7 @@ import pytest
 import twin
 from made.certificates import audited, digest, require_refusal, require_short
 from made.scripts import script
-from twin.exchange.audit import certificate as audit_of_certificates
+from twin.exchange.audit import decimal_rows
 from twin.exchange.audit.certificate import audit_certificate
 
 ROOT = Path(__file__).parents[2]
@@ -192,7 +192,7 @@ def test_the_audit_draws_angles_from_their_whole_range(tmp_path, capsys):
 @pytest.mark.parametrize("middle", range(-6, 7))
 def test_the_audit_turns_by_multiples_of_30_degrees(middle):
     for angle in (middle * math.pi / 6 + 0.4, middle * math.pi / 6 - 3.0):
-        (cosine, _), (sine, _) = audit_of_certificates._cosine_and_sine(angle, middle)
+        (cosine, _), (sine, _) = decimal_rows._cosine_and_sine(angle, middle)
         assert float(cosine) == pytest.approx(math.cos(angle), abs=1e-12)
         assert float(sine) == pytest.approx(math.sin(angle), abs=1e-12)
 
