@@ -18,43 +18,38 @@ from twin.model.transmission import Actuator
 FREQUENCY = 5.0
 """Natural frequency in Hz of assumed drives. With critical damping, it determines their gains."""
 
-_RATE = 2 * np.pi * FREQUENCY
+_ANGULAR_FREQUENCY = 2 * np.pi * FREQUENCY
+"""The same in rad/s."""
 
 NOTE = f"the file has no gains; these give {FREQUENCY:g} Hz and critical damping for the inertia moved at rest"
 """Note on each assumed drive, written to the description of the robot."""
 
-_NOTHING = {"revolute": 1e-3, "prismatic": 1.0}
+_INERTIA_WITHOUT_MASSES = {"revolute": 1e-3, "prismatic": 1.0}
 """Inertia in kg m2 (revolute) or mass in kg (prismatic) assumed for the moved bodies if the file has no masses."""
 
 
 def with_drives(imported: Imported) -> Imported:
-    """Return the mechanism with a drive on every driven joint. Each added drive is reported and listed in `assumed`."""
-    m = imported.mechanism
+    """Return the mechanism with a drive on every driven joint. Each added drive is reported and listed in `assumed`.
+
+    The efforts of `imported.efforts`, which are of joints without a drive, become those of the added drives or motors.
+    Efforts that are not positive are reported, and left out.
+    """
+    mechanism = imported.mechanism
     findings = Findings(imported.findings)
     assumed = set(imported.assumed)
-    stated: dict[str, float | None] = {}
-    for joint in m.joints:
-        if joint.drive:
-            stated[joint.name] = joint.drive.max_effort
-    stated |= imported.efforts
-    for name, effort in stated.items():
-        if effort is not None and not effort > 0:
-            text = f"joint '{name}': maximum effort {effort:g} is not imported: it must be positive."
-            findings.warn("effort", text, name)
+    _report_not_positive(imported, findings)
     efforts: dict[str, float] = {}
     for name, effort in imported.efforts.items():
         if effort > 0:
             efforts[name] = effort
-    m = replace(m, actuators=_motors(m, efforts, assumed, findings))
+    mechanism = replace(mechanism, actuators=_with_gains(mechanism, efforts, assumed, findings))
     joints = []
-    for joint in m.joints:
+    for joint in mechanism.joints:
         if joint.drive and joint.drive.max_effort is not None and not joint.drive.max_effort > 0:
             joint = replace(joint, drive=replace(joint.drive, max_effort=None))
-        if joint.active and joint.drive is None and m.transmission_of(joint.name) is None:
-            carried = _carried(m, joint) or _NOTHING[joint.type]
-            # A mass m on a spring and a damper: stiffness m w^2 gives the frequency w, and damping 2 m w is critical.
-            drive = Drive(carried * _RATE**2, 2 * carried * _RATE, efforts.get(joint.name))
-            joint = replace(joint, drive=drive)
+        if joint.active and joint.drive is None and mechanism.transmission_of(joint.name) is None:
+            stiffness, damping = _gains(_inertia_moved_by(mechanism, joint))
+            joint = replace(joint, drive=Drive(stiffness, damping, efforts.get(joint.name)))
             assumed.add(joint.name)
             text = (
                 f"joint '{joint.name}' is driven, but the file states no gains: they are ASSUMED, with a natural "
@@ -63,36 +58,55 @@ def with_drives(imported: Imported) -> Imported:
             findings.warn("drive", text, joint.name)
         joints.append(joint)
     for name, effort in efforts.items():
-        if not m.joint(name).active:
+        if not mechanism.joint(name).active:
             text = f"joint '{name}': effort {effort:g} is not imported: the joint has no drive."
             findings.warn("effort", text, name)
-    mechanism = replace(m, joints=tuple(joints))
+    mechanism = replace(mechanism, joints=tuple(joints))
     return replace(imported, mechanism=mechanism, findings=findings, assumed=frozenset(assumed), efforts={})
 
 
-def _motors(
+def _report_not_positive(imported: Imported, findings: Findings) -> None:
+    """Add a warning for each effort of a joint that is not positive."""
+    stated: list[tuple[str, float]] = []
+    for joint in imported.mechanism.joints:
+        if joint.drive and joint.drive.max_effort is not None:
+            stated.append((joint.name, joint.drive.max_effort))
+    stated += imported.efforts.items()
+    for name, effort in stated:
+        if not effort > 0:
+            text = f"joint '{name}': maximum effort {effort:g} is not imported: it must be positive."
+            findings.warn("effort", text, name)
+
+
+def _gains(moved_inertia: float) -> tuple[float, float]:
+    """Return (stiffness, damping) for an inertia in kg m2, or a mass in kg."""
+    # A mass m on a spring and a damper: stiffness m w^2 gives the frequency w, and damping 2 m w is critical.
+    return float(moved_inertia * _ANGULAR_FREQUENCY**2), float(2 * moved_inertia * _ANGULAR_FREQUENCY)
+
+
+def _with_gains(
     mechanism: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings
 ) -> tuple[Actuator, ...]:
-    """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves."""
+    """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves.
+
+    A motor that alone moves a joint gets the effort of this joint in `efforts`. `assumed` gets the names of the motors
+    with assumed gains, `findings` what is assumed and what is left out.
+    """
     motors: dict[str, Actuator] = {}
     for actuator in mechanism.actuators:
         motors[actuator.name] = actuator
     for transmission in mechanism.transmissions:
-        carried_by_joints: list[float] = []
+        joint_inertias = []
         for name in transmission.joints:
-            joint = mechanism.joint(name)
-            carried_by_joints.append(_carried(mechanism, joint) or _NOTHING[joint.type])
-        inertias = (
-            np.array(carried_by_joints) @ transmission.matrix**2
-        )  # what each motor moves, with the other joints locked
-        for name, carried in zip(transmission.actuators, inertias, strict=True):
+            joint_inertias.append(_inertia_moved_by(mechanism, mechanism.joint(name)))
+        # Joints move by the matrix times the motors: what each motor moves while the others are at rest.
+        motor_inertias = np.array(joint_inertias) @ transmission.matrix**2
+        for name, inertia in zip(transmission.actuators, motor_inertias, strict=True):
             motor = motors[name]
             if motor.stiffness is not None:
                 continue
-            moved_inertia = carried + (motor.rotor_inertia or 0.0)
-            motors[name] = replace(
-                motor, stiffness=float(moved_inertia * _RATE**2), damping=float(2 * moved_inertia * _RATE)
-            )
+            stiffness, damping = _gains(inertia + (motor.rotor_inertia or 0.0))
+            motors[name] = replace(motor, stiffness=stiffness, damping=damping)
             assumed.add(name)
             text = (
                 f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
@@ -103,26 +117,29 @@ def _motors(
             effort = efforts.get(joint)
             if not effort:
                 continue
-            single = transmission.single(joint)
-            if single is None:
+            only_motor = transmission.single(joint)
+            if only_motor is None:
                 text = f"joint '{joint}': effort {effort:g} is not imported: several motors move the joint."
                 findings.warn("effort", text, joint)
                 continue
-            name, ratio = single
+            name, ratio = only_motor
             # An effort that the file states for the motor itself is kept.
             motor_effort = motors[name].max_effort or effort * abs(ratio)
             motors[name] = replace(motors[name], max_effort=motor_effort)
     return tuple(motors.values())
 
 
-def _carried(mechanism: Mechanism, joint: Joint) -> float:
-    """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg."""
+def _inertia_moved_by(mechanism: Mechanism, joint: Joint) -> float:
+    """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg.
+
+    If they have no mass, it is that of `_INERTIA_WITHOUT_MASSES`.
+    """
     # The tree is sorted from the base outwards: a joint comes after the joint that carries its parent.
     moved_bodies: set[str] = set()
     for tree_joint in mechanism.tree:
         if tree_joint.name == joint.name or tree_joint.parent in moved_bodies:
             moved_bodies.add(tree_joint.child)
-    T = spatial.inverse(mechanism.rest[joint.parent] @ joint.T_parent_joint)
+    T_joint_base = spatial.inverse(mechanism.rest[joint.parent] @ joint.T_parent_joint)
     total = 0.0
     for body in mechanism.bodies:
         if body.name not in moved_bodies or body.inertia is None:
@@ -130,8 +147,9 @@ def _carried(mechanism: Mechanism, joint: Joint) -> float:
         if not joint.is_angle:
             total += body.inertia.mass
             continue
-        at = T @ mechanism.rest[body.name]
-        x, y, _ = at[:3, :3] @ body.inertia.p_body_com + at[:3, 3]
-        turned = at[:3, :3] @ body.inertia.I_com @ at[:3, :3].T
-        total += float(turned[2, 2] + body.inertia.mass * (x * x + y * y))
-    return total
+        T_joint_body = T_joint_base @ mechanism.rest[body.name]
+        R = T_joint_body[:3, :3]
+        x, y, _ = R @ body.inertia.p_body_com + T_joint_body[:3, 3]
+        I_joint = R @ body.inertia.I_com @ R.T
+        total += float(I_joint[2, 2] + body.inertia.mass * (x * x + y * y))  # parallel axes
+    return total or _INERTIA_WITHOUT_MASSES[joint.type]
