@@ -13,8 +13,9 @@ from made.loops import ALONG_X, mechanism
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.mechanism_comparison import compare_mechanisms, solved
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_truth import mechanism_truth
+from twin.exchange.audit.reduced_couplings import reduced_couplings
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
@@ -118,7 +119,7 @@ def held_by(stage, joint):
 def test_a_stage_holds_couplings_as_mimic_joints_or_else_as_tendons(tmp_path, m, held):
     stage = opened(staged(m, tmp_path))
     assert {n: held_by(stage, n) for n in held} == held
-    truth, found = (solved(p.couplings or {}) for p in (mechanism_truth(m), mechanism_on(stage)))
+    truth, found = (reduced_couplings(p.couplings or {}) for p in (mechanism_truth(m), mechanism_on(stage)))
     assert truth.keys() == found.keys()
     for joint, (ratios, total) in truth.items():
         assert found[joint] == (pytest.approx(ratios, abs=1e-6), pytest.approx(total, abs=1e-6))
@@ -171,11 +172,11 @@ def test_our_mimic_joints_come_back_and_those_of_others_are_refused(tmp_path):
 def test_constraints_are_equal_however_they_are_stated_and_no_others_are(rng):
     chain = {"x": ({"a": 1.0, "b": 2.0}, 0.1), "y": ({"b": 1.0, "c": -3.0}, 0.0), "z": ({"d": 2.0, "e": 1.0}, 0.0)}
     star = {"1": ({"c": 6.0, "a": 1.0}, 0.1), "2": ({"a": 2.0, "b": 4.0}, 0.2), "3": ({"e": 0.5, "d": 1.0}, 0.0)}
-    one, two = solved(chain), solved(star)
+    one, two = reduced_couplings(chain), reduced_couplings(star)
     assert one.keys() == two.keys() == {"a", "b", "d"}
     for joint, (ratios, total) in one.items():
         assert two[joint] == (pytest.approx(ratios), pytest.approx(total))
-    other = solved(star | {"2": ({"a": 2.0, "b": 4.01}, 0.2)})
+    other = reduced_couplings(star | {"2": ({"a": 2.0, "b": 4.01}, 0.2)})
     assert other["b"][0] != pytest.approx(one["b"][0], abs=1e-5)
-    assert solved(chain | {"again": ({"a": 1.0, "c": 6.0}, 0.1)}).keys() == one.keys()
-    assert solved({"x": ({"a": np.nan, "b": 1.0}, 0.0)}) == {} == solved({})
+    assert reduced_couplings(chain | {"again": ({"a": 1.0, "c": 6.0}, 0.1)}).keys() == one.keys()
+    assert reduced_couplings({"x": ({"a": np.nan, "b": 1.0}, 0.0)}) == {} == reduced_couplings({})

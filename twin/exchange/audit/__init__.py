@@ -18,6 +18,8 @@ interpolation_error   estimate the error between keys
 Files with each other and with the mechanism:
 file_comparison       the pose of every link at every key
 mechanism_comparison  joints, drives, masses, frames, surfaces, colours; mechanism_truth: those of the robot
+stated_values         the values of these quantities in each file, of file_view; reduced_couplings: of couplings
+reference_joints      which joint of a file, or part of one, is which joint of the others
 compared_quantities   rule and message of each quantity; value_differences: how far two values are apart
 file_statements       names, titles and rates that files state about themselves; parameter_claims: their parameters
 state_comparison      files without motion at sampled_states; chain_poses: of chains of joints
@@ -33,8 +35,8 @@ proof_hashes          the hashes of proof.json; proof_statements: the rest, in p
 Scenes and certificates:
 scene_folder          an exported scene: its list of robots, and the folder of each; deformables: its organs
 scene_stage           a stage of the scene, and its links with the files of the robots
-certificate           a certificate of `twin prove`, without the prover: bounds_certificate, motion_certificate,
-                      workspace_certificate
+certificate           a certificate of `twin prove`, without the prover: of equations with decimal_rows, or with
+                      bounds_certificate, motion_certificate, workspace_certificate and its stated_closures
 
 report                checks and findings of an audit
 """

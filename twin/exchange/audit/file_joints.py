@@ -27,6 +27,9 @@ Also the minimum distance of a third point from the axis of the hinge that fixes
 WORLD = "world"
 """Name of the base in many files, and of the fixed body that every MJCF has."""
 
+ONE_COORDINATE = ("revolute", "prismatic")
+"""Kinds of joints with one coordinate, which all formats state by one name."""
+
 
 @dataclass(frozen=True)
 class FileJoint:

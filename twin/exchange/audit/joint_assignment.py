@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.file_joints import ONE_COORDINATE, FileJoint
 from twin.exchange.audit.mechanism_data import FileMechanism
 
 _MAX_ASSIGNMENTS = 64
@@ -13,9 +13,6 @@ _MAX_ASSIGNMENTS = 64
 
 _MAX_STEPS = 20_000
 """Maximum number of steps in the search of assignments."""
-
-ONE_COORDINATE = ("revolute", "prismatic")
-"""Kinds of joints with one coordinate."""
 
 
 def joint_assignments(mechanism: FileMechanism, truth: FileMechanism) -> list[dict[str, str]]:

@@ -11,8 +11,8 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.joint_assignment import ONE_COORDINATE, base_link, rigid_parts, single_joints
+from twin.exchange.audit.file_joints import ONE_COORDINATE, FileJoint
+from twin.exchange.audit.joint_assignment import base_link, rigid_parts, single_joints
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array

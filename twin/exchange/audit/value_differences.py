@@ -12,6 +12,9 @@ from scipy.spatial import KDTree
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
+Value = Any
+"""Value of a compared quantity: a truth value, number, text, tuple, array, or mapping; `QUANTITIES` says which."""
+
 ALIKE = 3e-6
 """Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
 
@@ -54,7 +57,7 @@ def coordinate_difference(a: Mapping[str, float], b: Mapping[str, float]) -> flo
     return largest
 
 
-def word_difference(a: Any, b: Any) -> float:
+def word_difference(a: Value, b: Value) -> float:
     """Return 0 if two values are equal, else 1: words have no distance."""
     return float(a != b)
 

@@ -6,8 +6,8 @@ import numpy as np
 from pxr import Usd
 
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.mechanism_comparison import solved
 from twin.exchange.audit.mechanism_data import FileMechanism
+from twin.exchange.audit.reduced_couplings import reduced_couplings
 from twin.exchange.audit.report import Ledger
 
 _CONE_TOL = 1e-5
@@ -67,8 +67,8 @@ def check_couplings(stage: Usd.Stage, mechanism: FileMechanism, ledger: Ledger) 
     stated = mechanism.couplings or {}
     if len(listed) != len(stated):  # engines cannot hold every coupling
         return
-    for_engines = solved(stated)
-    for joint, (ratios, total) in solved(listed).items():
+    for_engines = reduced_couplings(stated)
+    for joint, (ratios, total) in reduced_couplings(listed).items():
         others, other_total = for_engines.get(joint, ({}, 0.0))
         off = abs(total - other_total)
         for name in {*ratios, *others}:
