@@ -32,12 +32,12 @@ from twin.model.transmission import Actuator, Transmission
 from twin.planning.arm_distances import ArmDistances, Nearest
 from twin.planning.obstacle_avoidance import around
 from twin.planning.path import line
+from twin.planning.path_kinematics import without_equations
 from twin.planning.plan import plan as plan_
 from twin.planning.plan_files import RobotSamples, props_files, protocol_files, write_plan_scene
 from twin.planning.priority import Behind, beside
 from twin.planning.protocol import load_protocol
 from twin.planning.timing import time_path
-from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, Shape, distance_between
 from twin.reference.follower import Follower

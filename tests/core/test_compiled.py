@@ -283,7 +283,7 @@ def compile_one(factor: float = 3.0) -> float:
 
 def test_kernel_is_compiled_once(cache, monkeypatch):
     assert compile_one() == 3.0
-    monkeypatch.setattr(machine_code, "_code", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr(machine_code, "_object_code", lambda *_: pytest.fail("compiled again"))
     assert compile_one() == 3.0
     assert len(list(cache.iterdir())) == 1
     assert cache.stat().st_mode & 0o777 == 0o700
@@ -312,8 +312,8 @@ def test_what_others_may_write_is_not_loaded(cache, which, monkeypatch):
     (file,) = cache.glob("*.o")
     (file if which == "file" else cache).chmod(0o777)
     done = []
-    code = machine_code._code
-    monkeypatch.setattr(machine_code, "_code", lambda *x: done.append(1) or code(*x))
+    code = machine_code._object_code
+    monkeypatch.setattr(machine_code, "_object_code", lambda *x: done.append(1) or code(*x))
     assert compile_one() == 3.0
     assert done
 

@@ -67,7 +67,7 @@ class ProcessorAsGpu:
 
     def _compiled(self, text: str) -> Any:
         sample = text[: text.index("declare i32 @llvm.nvvm")]
-        target = machine_code._machine()
+        target = machine_code._processor()
         module = llvm.parse_assembly(sample + _THREADS)
         module.verify()
         options = llvm.create_pipeline_tuning_options(speed_level=2)

@@ -10,9 +10,9 @@ import pytest
 
 from made.arm import arm
 from twin.core.errors import AssemblyError, ProtocolError
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.plan import plan
 from twin.planning.protocol import Positioning, Waypoint, load_protocol
-from twin.planning.trajectory import PathKinematics
 from twin.reference import ReferenceModel
 from twin.reference.follower import Follower
 

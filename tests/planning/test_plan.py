@@ -16,9 +16,9 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import verdict
 from twin.planning.check import check
+from twin.planning.path_kinematics import Gap, PathKinematics
 from twin.planning.plan import plan
 from twin.planning.protocol import Insertion, Pivot, Retraction, Waypoint, load_protocol
-from twin.planning.trajectory import Gap, PathKinematics
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "trajectories" / "sils"

@@ -37,7 +37,7 @@ def planned(tmp_path_factory):
     first = replace(protocol.phases[0], samples=300)
     protocol = replace(protocol, phases=(first, *protocol.phases[1:]))
     kinematics = replace(Robot(arm()).path_kinematics(), space=lambda *_: space_of(arm(), post(0.52, 0)))
-    return [Planned(plan(protocol, kinematics, T_tool_frame=np.eye(4)), (True,) * 3) for _ in range(2)]
+    return [Planned(plan(protocol, kinematics, T_tool_frame=np.eye(4))) for _ in range(2)]
 
 
 @pytest.mark.slow

@@ -18,12 +18,12 @@ from twin.api.equation_checks import validate_samples
 from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS
 from twin.core import assets
-from twin.core.ptx import ARCHITECTURE, ptx
+from twin.core.machine_code import PTX_ARCHITECTURE, ptx
 from twin.formula import evaluator
 
 pytestmark = pytest.mark.witness
 
-ARCHITECTURES = (ARCHITECTURE, "sm_90")
+ARCHITECTURES = (PTX_ARCHITECTURE, "sm_90")
 """The oldest one that is meant, and, for the robots that differ most, that of the cards of the prototype."""
 
 REGISTERS = 255
@@ -77,7 +77,7 @@ def test_every_kernel_is_assembled(name, assembler, tmp_path, monkeypatch):
         assert not re.search(r"\b(?:add|sub|mul|fma|div|rcp|sqrt)\.f64\b", code)
         source = tmp_path / "kernel.ptx"
         source.write_text(code)
-        chosen = ARCHITECTURES if name in CONTRASTING else (ARCHITECTURE,)
+        chosen = ARCHITECTURES if name in CONTRASTING else (PTX_ARCHITECTURE,)
         for architecture in chosen:
             command = [assembler, "--verbose", f"-arch={architecture}", source, "-o", tmp_path / "kernel.cubin"]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -91,7 +91,7 @@ def test_the_assembler_refuses_what_is_no_ptx(assembler, tmp_path, monkeypatch):
     text = next(iter(kernels("pa10", monkeypatch)))
     source = tmp_path / "kernel.ptx"
     source.write_text(ptx(text).replace("fma.rn.f64", "fma.rn.f65", 1))
-    command = [assembler, f"-arch={ARCHITECTURE}", source, "-o", tmp_path / "kernel.cubin"]
+    command = [assembler, f"-arch={PTX_ARCHITECTURE}", source, "-o", tmp_path / "kernel.cubin"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert "f65" in done.stderr

@@ -23,8 +23,9 @@ from twin.core.units import MM
 from twin.proof.motion import value_groups as groups
 
 if TYPE_CHECKING:
+    from twin.planning.path_kinematics import PathKinematics
     from twin.planning.protocol import Protocol
-    from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+    from twin.planning.trajectory import PhaseSpan, Trajectory
     from twin.proof.motion.motion_claims import MotionClaim, MotionProof
     from twin.proof.motion.path import TimedPath, TimedPhase
 

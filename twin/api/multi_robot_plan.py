@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from twin.model.scene import Place, Scene
     from twin.planning.group_result import PlannedTogether
     from twin.planning.path import Path
+    from twin.planning.path_kinematics import Keep
     from twin.planning.plan_files import RobotSamples
     from twin.planning.protocol import Protocol
     from twin.planning.rounds import SearchRounds
-    from twin.planning.trajectory import Keep
     from twin.reference.joint_space import JointSpace
 
 _STILL = 1e-9

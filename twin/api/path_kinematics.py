@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
-from twin.planning.trajectory import Keep, PathKinematics, without_equations
+from twin.planning.path_kinematics import Keep, PathKinematics, without_equations
 from twin.reference.joint_space import JointSpace
 
 if TYPE_CHECKING:

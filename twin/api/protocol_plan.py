@@ -83,7 +83,5 @@ def check_plan(
     robot = loaded(robot)
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol or trajectory.protocol)
-    mechanism = robot.mechanism
-    rows, facts, findings = retimed(trajectory, mechanism, protocol)
-    angles = [joint.is_angle for joint in mechanism.active]
-    return CheckedPlan(trajectory, angles, rows, facts, findings)
+    rows, facts, findings = retimed(trajectory, robot.mechanism, protocol)
+    return CheckedPlan(trajectory, rows, facts, findings)

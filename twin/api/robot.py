@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from twin.kinematics.compiled import ExtraJoint
     from twin.model.mechanism import Mechanism
     from twin.planning.link_motion import LinkMotion
+    from twin.planning.path_kinematics import PathKinematics
     from twin.planning.protocol import Protocol, Solver
-    from twin.planning.trajectory import PathKinematics, Trajectory
+    from twin.planning.trajectory import Trajectory
     from twin.reference import ReferenceModel
     from twin.reference.dynamics import Dynamics
 

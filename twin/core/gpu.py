@@ -17,7 +17,7 @@ import numpy as np
 
 from twin.core import extras
 from twin.core.errors import GpuError, TwinError
-from twin.core.ptx import ptx
+from twin.core.machine_code import ptx
 
 Address = SupportsInt
 """Address in the memory of a GPU, or handle of the driver (stream, function); `int` of it has 64 bits."""
@@ -25,7 +25,7 @@ Address = SupportsInt
 _DRIVER = "cuda.bindings.driver"
 
 OLDEST_GENERATION = 7
-"""Oldest generation of GPUs (major number of the compute capability) that runs the PTX, see `twin.core.ptx`."""
+"""Oldest generation of GPUs (major number of the compute capability) that runs the PTX (`machine_code.ptx`)."""
 
 _MOST_LOADED_KERNELS = 64
 """Maximum number of loaded kernels."""

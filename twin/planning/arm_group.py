@@ -12,12 +12,13 @@ from twin.core.spatial import Array
 from twin.planning.check import check
 from twin.planning.demands import demands, timed
 from twin.planning.feasibility import require_feasible
-from twin.planning.mechanism_path import MechanismFollower
+from twin.planning.mechanism_follower import MechanismFollower
 from twin.planning.path import Path, line
+from twin.planning.path_kinematics import Carrier, PathKinematics
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.plan import Leg, assemble, sampled
 from twin.planning.protocol import Free, Protocol
-from twin.planning.trajectory import Carrier, PathKinematics, Trajectory
+from twin.planning.trajectory import Trajectory
 
 _STATIONS = 33
 """Number of points of a straight path between two waypoints."""

@@ -12,8 +12,9 @@ from twin.core.findings import Finding, Kind, Severity, disagreement, error, fin
 from twin.core.quantity import Quantity, deg, mm, moved, si
 from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.protocol import DIRECTIONS, Protocol, RotationOrder, Waypoint, trocar_of
-from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+from twin.planning.trajectory import PhaseSpan, Trajectory
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit of speed, acceleration or jerk."""

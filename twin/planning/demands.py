@@ -9,11 +9,11 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.planning.path import Path
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Auxiliary, Free, Limits, Protocol, Solver
 from twin.planning.protocol.course import Motion
 from twin.planning.timing import Derivatives, Jerk, Load, Timing, time_path
-from twin.planning.trajectory import PathKinematics
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Insertion, Pivot, Retraction
-from twin.planning.trajectory import Cause, PathKinematics
 
 _PROBES = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
@@ -22,6 +23,9 @@ _HALVINGS = 40
 
 _SAFE = 1e-4
 """Part of the phase by which the proposed end is before the first unreachable point, so that it is surely reachable."""
+
+Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
+"""Reason why a pose is unreachable."""
 
 Margins = dict[tuple[Cause, str], Array]
 """Margins (k,) in m or rad by (cause, name); a margin is negative where a pose is unreachable."""

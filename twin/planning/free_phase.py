@@ -11,9 +11,9 @@ from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.planning.feasibility import Anchor, margins_at, violation
 from twin.planning.path import Path
+from twin.planning.path_kinematics import Keep, PathKinematics
 from twin.planning.protocol import Free
 from twin.planning.rounds import SearchRound, SearchRounds
-from twin.planning.trajectory import Keep, PathKinematics
 
 PhaseProgress = Callable[[str], None]
 """Function that is called with the name of each phase before it is planned, and with each step of its search."""

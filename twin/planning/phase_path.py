@@ -13,10 +13,10 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.long_turns import hint
 from twin.planning.path import Path, fit
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.protocol import Phase, Protocol, trocar_of
 from twin.planning.protocol.course import Course, Motion, rotation
 from twin.planning.protocol.phase import PhaseEnd, PhaseStart
-from twin.planning.trajectory import PathKinematics
 
 _NO_LENGTH = 1e-9
 """Change in m and rad below which a phase counts as having no length."""
@@ -76,7 +76,7 @@ class PhasePath(Course):
 
 
 class Guide(Interface):
-    """Interface of an object that replaces paths by the mechanism's motion; see `mechanism_path.MechanismFollower`."""
+    """Interface of an object that replaces paths by the mechanism's motion; see `mechanism_follower`."""
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
         """Return angles (3,) in rad and position (3,) in m of the moved frame at the start of the protocol."""

@@ -16,8 +16,10 @@ from twin.planning.demands import demands, timed
 from twin.planning.feasibility import pose_margins, require_feasible
 from twin.planning.free_phase import PhaseProgress, Searched
 from twin.planning.long_turns import hint, long_turns
-from twin.planning.mechanism_path import MechanismFollower, with_auxiliary, with_free_paths
+from twin.planning.mechanism_follower import MechanismFollower
+from twin.planning.mechanism_path import with_auxiliary, with_free_paths
 from twin.planning.path import Path
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.plan_result import clearance_findings
 from twin.planning.protocol import Free, Protocol, Samples
@@ -25,7 +27,7 @@ from twin.planning.protocol.course import Motion
 from twin.planning.rounds import SearchRounds
 from twin.planning.sampled_phase import SampledPhase
 from twin.planning.timing import Timing
-from twin.planning.trajectory import PathKinematics, PhaseCurve, PhaseSpan, Trajectory
+from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
 
 _PROBES = 9
 """Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""

@@ -29,12 +29,10 @@ class Planned(Result):
 
     Attributes:
         trajectory: the trajectory.
-        angles: whether each driven joint is an angle, in the order of q.
     """
 
     kind: ClassVar[str] = "plan"
     trajectory: Trajectory
-    angles: Sequence[bool]
 
     @property
     def findings(self) -> Sequence[Finding]:
@@ -86,7 +84,7 @@ class Planned(Result):
     def write(self, folder: Path) -> None:
         """Write two files: the samples as CSV, and the trajectory without its samples as JSON."""
         table, content = FILES
-        _write_csv(self.trajectory, folder / table, self.angles)
+        _write_csv(self.trajectory, folder / table)
         (folder / content).write_text(as_json(self.content()), encoding="utf-8")
 
 
@@ -150,19 +148,14 @@ def _cost(value: float, unit: str) -> str:
     return quantity(value, unit)
 
 
-def _write_csv(trajectory: Trajectory, path: Path, angles: Sequence[bool]) -> None:
+def _write_csv(trajectory: Trajectory, path: Path) -> None:
     """Write one row per sample, with units in the header.
 
     Its columns: time; joints, their rates and accelerations; position of the tool and quaternion, real part first.
-
-    Args:
-        trajectory: the trajectory.
-        path: the file.
-        angles: (n,) whether each driven joint is an angle in rad; else it is a length in m.
     """
     units = []
     factors = []
-    for is_angle in angles:
+    for is_angle in trajectory.revolute:
         unit, factor = display_unit(is_angle)
         units.append(unit)
         factors.append(factor)

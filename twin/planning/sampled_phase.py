@@ -17,11 +17,11 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import display_unit
+from twin.planning.path_kinematics import Carrier
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of
 from twin.planning.timing import Timing
-from twin.planning.trajectory import Carrier
 
 _COARSE = 0.02
 """Time step in s with which the mechanism is moved from the start to the end of the phase."""

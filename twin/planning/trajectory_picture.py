@@ -22,16 +22,16 @@ _ROUNDING = 1e-6
 """Range in mm or degrees that can be a rounding error of a joint that does not move."""
 
 
-def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array, angles: Sequence[bool]) -> str:
+def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array, revolute: Sequence[bool]) -> str:
     """Return a table of joints in mm and degrees, below a title and facts.
 
-    qs and qds (k, n) are joint values and speeds in SI units; `angles` (n,) are whether each joint is in rad.
+    qs and qds (k, n) are joint values and speeds in SI units; `revolute` (n,) is whether each joint is in rad.
     """
     rows = [_row("th", ("joint", "from", "to", "", "largest speed", "motion"))]
     for joint, name in enumerate(names):
         unit = "mm"
         size = MM
-        if angles[joint]:
+        if revolute[joint]:
             unit = "°"
             size = DEG
         q = qs[:, joint] / size

@@ -10,8 +10,9 @@ from typing import Literal
 from twin.cad.build import CadModel
 from twin.kinematics import Kinematics
 from twin.planning.link_motion import LinkMotion
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.protocol import Protocol
-from twin.planning.trajectory import PathKinematics, Trajectory
+from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.baked_motion import MeasuredMotion
 from twin.validation.equations_comparison import EquationsComparison

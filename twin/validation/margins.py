@@ -14,7 +14,8 @@ from twin.core.units import DEG, MM, display_unit
 from twin.kinematics import Kinematics
 from twin.kinematics.margins import Margins
 from twin.model.mechanism import Mechanism
-from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
+from twin.planning.path_kinematics import MotorLimits, PathKinematics
+from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE

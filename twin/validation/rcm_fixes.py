@@ -20,10 +20,11 @@ from twin.core.quantity import deg, mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.check import rcm_error
+from twin.planning.path_kinematics import PathKinematics
 from twin.planning.plan import plan
 from twin.planning.protocol import Pivot, Protocol, Waypoint
 from twin.planning.protocol.course import angles_of, rotation
-from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
+from twin.planning.trajectory import PhaseSpan, Trajectory
 
 PLANNED_STEP = 0.02
 """Time step in s of a planned fix."""

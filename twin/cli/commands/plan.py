@@ -90,8 +90,7 @@ def run(args: argparse.Namespace) -> int:
         if args.check:
             planned = api.check_plan(robot, trajectory, protocol)
         else:
-            angles = [joint.is_angle for joint in robot.mechanism.active]
-            planned = Planned(trajectory, angles)
+            planned = Planned(trajectory)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
         pictures = _plot_rounds(f"{robot.name} on {protocol.name}", planned.rounds, work)
