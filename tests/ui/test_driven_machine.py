@@ -255,7 +255,7 @@ def test_a_machine_follows_only_a_drag():
         goal = page.movable.model.solve(page.movable.assembly.q, page.movable.assembly).T_base_tool
 
         def follows():
-            page.drive(1 / TICK_RATE)
+            page.advance_machine(1 / TICK_RATE)
             return machine.goals[-1] is not None
 
         try:

@@ -1087,9 +1087,9 @@ def test_a_single_late_tick_is_made_up_for():
 
     def sent(*ticks, at=0.0):
         """Return the ticks that are sent where the server is ready at these ticks, first at tick 10."""
-        server._tick, server._at, server._made_up, out = 10, at, False, []
+        server._tick, server._frame_tick, server._has_made_up_tick, out = 10, at, False, []
         for now in ticks:
-            server._tick = server._due(now)
+            server._tick = server._tick_to_send(now)
             out.append(server._tick)
         return out
 
@@ -1105,7 +1105,7 @@ def test_a_slow_machine_does_not_fall_behind():
     server = servers.StreamServer(SimpleNamespace(), {}, {}, AccessRules("127.0.0.1", 0, False, lambda token: None))
     now, late = 0.0, []
     for _ in range(600):
-        server._tick = server._due(int(now))
+        server._tick = server._tick_to_send(int(now))
         late.append(now - server._tick)
         now = max(now + 1.2, server._tick + 1.0)
     assert max(late) < 2
@@ -1124,12 +1124,12 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playba
         _protocols={playback.protocol: "table2"},
         _streamed=before,
         _failed="",
-        _failure=told.append,
+        _send_failure=told.append,
         _worker=SimpleNamespace(ask=lambda _, job, done: done(job())),
         movable=SimpleNamespace(robot=None, bind=refused),
         robot=SimpleNamespace(protocol=lambda name: name, bound=lambda _: object()),
     )
-    live_robot.LiveRobot._take_plan(page)
-    assert page._failed == "the loops cannot be closed"
+    live_robot.LiveRobot._receive_plan(page)
+    assert page._planning_error == "the loops cannot be closed"
     assert told == [f"{playback.protocol}: the loops cannot be closed"]
     assert page._streamed is before

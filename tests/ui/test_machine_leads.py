@@ -39,13 +39,13 @@ def test_postures_and_undo_are_refused_where_a_machine_leads_and_undo_keeps_its_
     async def play():
         shown = LiveRobot(twin.load("pa10"), "pa10", None, False, machine=Still())
         try:
-            shown._before = [np.array(shown.movable.assembly.q) + 0.1]
+            shown._undo_states = [np.array(shown.movable.assembly.q) + 0.1]
             name = next(iter(shown.movable.postures))
             with pytest.raises(RefusedError, match="a posture moves no machine: drag the tool instead"):
                 shown.ask("c1", PostureMessage(type="posture", name=name))
             with pytest.raises(RefusedError, match="undo moves no machine"):
                 shown.ask("c1", UndoMessage(type="undo"))
-            assert len(shown._before) == 1
+            assert len(shown._undo_states) == 1
             assert shown.state()["machine"]["level"] == "PEDAL_UP"
         finally:
             shown.close()

@@ -209,7 +209,7 @@ def test_a_parameter_is_reset_or_stays_changed_where_that_fails(sils, monkeypatc
     published = sils.kin.parameters["l_p"]
     sils.change(parameters={"l_p": published + 0.6 * MM})
     with monkeypatch.context() as broken:
-        broken.setattr(sils, "_compiled", raised)
+        broken.setattr(sils, "_compiled_equations", raised)
         with pytest.raises(KinematicsError, match="no compiler"):
             sils.reset_parameter("l_p")
     assert sils.parameters == {"l_p": pytest.approx(published + 0.6 * MM)}

@@ -289,7 +289,7 @@ def test_a_hand_that_trembles_on_its_support_rests(planned):
 def test_an_early_plan_is_accepted_from_where_it_starts(planned, by, again):
     lifted(planned)
     planned.wait(30)
-    ahead, jobs = planned.mode._ahead, planned.mode._stream.jobs
+    ahead, jobs = planned.mode._early_search, planned.mode._stream.jobs
     ahead.job = replace(ahead.job, start=ahead.job.start + by)  # as measured before: a machine trembles, too
     count = len(jobs)
     planned.ask("find")
@@ -445,7 +445,7 @@ def test_what_cannot_be_asked_for_is_refused_with_the_way_out(planned):
     with pytest.raises(TwinError, match=f"a motion of {ARM} is being planned"):
         planned.ask("aim", hand="right")
     planned.ask("cancel")
-    planned.console.planning._table = planned.console.table.model_copy(update={"through": [ARM]})
+    planned.console.planning._console_scene = planned.console.table.model_copy(update={"through": [ARM]})
     with pytest.raises(TwinError, match="kept in its port by software"):
         planned.ask("aim")
 

@@ -274,7 +274,7 @@ def test_a_posture_is_written_if_the_terminal_says_yes(tmp_path, yes):
                 await until(lambda: element(front, "name").value == name, "the name")
                 button = element(front, "as a posture")._impl.uuid
                 await ws.send(pack("GuiUpdateMessage", uuid=button, updates={"value": True}))
-                await until(lambda: front.wished("save"), "the wish")
+                await until(lambda: front.has_requests("save"), "the wish")
             # viser warns of a notice to a browser that leaves at that moment
             await until(lambda: not front.server.get_clients(), "the end of the connection")
 
@@ -548,7 +548,7 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
             await ws.send(start(front, len(content), 2))
             await ws.send(part(front, 0, content[:100]))
             await ws.send(part(front, 1, content[100:]))
-            await until(lambda: front.wished("open"), "the file")
+            await until(lambda: front.has_requests("open"), "the file")
 
     asyncio.run(go())
     front.step()

@@ -78,10 +78,10 @@ def test_another_robot_becomes_active(two):
 
 
 def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_page(two, monkeypatch):
-    a = two._robot("lapbot")
+    a = two._robot_named("lapbot")
     playback = object.__new__(Playback)
     plan = SimpleNamespace(done=True, answer=playback, protocol="other_port", close=lambda: None)
-    two._plans["lapbot"] = plan
+    two._planners["lapbot"] = plan
 
     def refused(_: object) -> None:
         raise TwinError("the loops cannot be closed")
@@ -96,14 +96,14 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_pa
 def test_size_and_place_are_of_the_picture_alone(two):
     a, node = two.active, two.nodes[two.active.name]
     p = a.movable.assembly.T_base_tool[:3, 3].copy()
-    two.scenery._put(a, np.array([0.3, -0.1, 0.2]), 0.7, 2.5)
+    two.scenery._place_robot(a, np.array([0.3, -0.1, 0.2]), 0.7, 2.5)
     np.testing.assert_allclose(node.to_base(node.to_world(p)), p, atol=1e-12)
     expected = spatial.pose(spatial.rotation_z(0.7), [0.3, -0.1, 0.2]) @ np.append(2.5 * p, 1.0)
     np.testing.assert_allclose(node.to_world(p), expected[:3], atol=1e-12)
     np.testing.assert_array_equal(a.movable.assembly.T_base_tool[:3, 3], p)
     two.draw()
     np.testing.assert_allclose(two.gizmo.position, node.to_world(p), atol=1e-9)
-    two.scenery._put(a, np.zeros(3), 0.0, 1.0)
+    two.scenery._place_robot(a, np.zeros(3), 0.0, 1.0)
 
 
 @pytest.mark.slow

@@ -162,7 +162,7 @@ def still(look):
     front = look.front
     front.clock.playing = False
     front.ask("home", lambda: front.active.movable.go_to_posture("home"))
-    until(lambda: not front._wishes, "the wish")
+    until(lambda: not front._requests, "the wish")
     time.sleep(1.0)
     return front.active.movable
 
@@ -331,7 +331,7 @@ def test_the_workspace_is_found_without_stalling_the_hand(sils):
     sils.tab("Design")
     before = sils.shot()
     sils.page.get_by_role("button", name="Compute workspace").click()
-    until(lambda: len(front.panels.design._points) > 0, "the first points")
+    until(lambda: len(front.panels.design._cloud_points) > 0, "the first points")
     T = movable.assembly.T_base_tool.copy()
     took = []
     for k in range(60):
@@ -340,7 +340,9 @@ def test_the_workspace_is_found_without_stalling_the_hand(sils):
         front.ask("tool", lambda m=moved: took.append(movable.move_tool(m)))
         time.sleep(1 / 60)
     until(
-        lambda: sum(map(len, front.panels.design._points)) > 1000 and "1 000 000 poses" in found(sils), "the whole", 180
+        lambda: sum(map(len, front.panels.design._cloud_points)) > 1000 and "1 000 000 poses" in found(sils),
+        "the whole",
+        180,
     )
     assert took  # a benchmark measures how long they took
     assert all(moved.good for moved in took)
@@ -408,25 +410,25 @@ def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
 
     until(at_rest, "what was done before is shown")
     text = sils.readout()
-    front.ask("place", lambda: front.scenery._put(front.active, np.array([0.1, 0.0, 0.0]), 0.3, 0.5))
-    until(lambda: not front._wishes, "the wish")
+    front.ask("place", lambda: front.scenery._place_robot(front.active, np.array([0.1, 0.0, 0.0]), 0.3, 0.5))
+    until(lambda: not front._requests, "the wish")
     until(at_rest, "what was done is shown")
     assert sils.readout() == text
     T = movable.assembly.T_base_tool
     world = front.nodes["sils"].to_world(T[:3, 3])
     np.testing.assert_allclose(front.nodes["sils"].to_base(world), T[:3, 3], atol=1e-12)
     assert np.linalg.norm(np.asarray(front.gizmo.position) - world) < 1e-6
-    front.ask("place", lambda: front.scenery._put(front.active, np.zeros(3), 0.0, 1.0))
-    until(lambda: not front._wishes, "the wish")
+    front.ask("place", lambda: front.scenery._place_robot(front.active, np.zeros(3), 0.0, 1.0))
+    until(lambda: not front._requests, "the wish")
 
 
 def test_a_screenshot_and_a_section(sils):
     still(sils)
     before = sils.ink()
-    sils.front.scenery._cut = (1, 0.4)
+    sils.front.scenery._section = (1, 0.4)
     sils.front.ask("cut", lambda: None)
     until(lambda: sils.ink() < before, "less of the robot")
-    sils.front.scenery._cut = None
+    sils.front.scenery._section = None
     sils.front.ask("cut", lambda: None)
     png = view_export.screenshot(sils.clients[0], "shot", lambda part: None)
     image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
@@ -448,7 +450,7 @@ def test_browsers_come_and_go(browser, sils):
     until(lambda: len(sils.clients) == 1, "the closed tab")
     movable = still(sils)
     front.ask("joint", lambda: movable.move_joint(0, movable.assembly.q[0] + 1 * MM))
-    until(lambda: not front._wishes, "the wish")
+    until(lambda: not front._requests, "the wish")
     third = Looker(browser, front, 600, 400)  # sees the present pose, not the first one
     third.page.close()
 

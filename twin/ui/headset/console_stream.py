@@ -75,7 +75,7 @@ class ConsoleStream(LiveConsole):
 
     Attributes:
         replays: False: the source is no recorded session.
-        alone: False: the stream is that of a scene, not of a single robot.
+        is_single_robot: False: the stream is that of a scene, not of a single robot.
         version: version of the stream protocol.
         device: the input device, which receives the hand states of the owner.
         owner: identifier of the client whose hands control the robots; `UDP_OWNER` or `ROS_OWNER` if UDP packets or
@@ -92,7 +92,7 @@ class ConsoleStream(LiveConsole):
     _device_type = Packets
 
     replays = False
-    alone = False
+    is_single_robot = False
     version = wire.SCENE_VERSION
 
     def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
@@ -107,30 +107,30 @@ class ConsoleStream(LiveConsole):
         self.tablet: ScaleTopic | None = None
         self.ros: RosBridge | None = None
         self.topics: ConsoleTopics | None = None
-        self._connection: asyncio.Future[None] | None = None
+        self._broker_connection: asyncio.Future[None] | None = None
         self.files: dict[str, File] = {}
         super().__init__(loaded, exercise)
         self.send: Callable[[JsonObject], object] = lambda document: None
-        self._bends = DeformablePackets(self.feed)
-        self._bends.send = lambda document: self.send(document)
+        self._deformables = DeformablePackets(self.feed)
+        self._deformables.send = lambda document: self.send(document)
         bodies: dict[str, list[str]] = {}
         bases: dict[str, Array] = {}
         for name, member in self.shown.items():
             bodies[name] = [body.name for body in member.mechanism.bodies]
             bases[name] = self._places[name].T_world_base
-        self._plans = PlanDocuments(self.planning, {name: bodies[name] for name in self.members})
+        self._plan_documents = PlanDocuments(self.planning, {name: bodies[name] for name in self.members})
         if self.objects:
             bodies[wire.OBJECTS_PREFIX] = [item.name for item in self.objects]
             bases[wire.OBJECTS_PREFIX] = np.eye(4)
-        self._posed = PosePacker(bodies, bases)
+        self._pose_packer = PosePacker(bodies, bases)
         self._tick = -1.0
         self._tick_of_frame = float(-HEARTBEAT_TICKS)
         self._tick_of_deviations = float(-DEVIATION_TICKS)
         self._seq = 0
-        self._shown: Array | None = None
+        self._sent_row: Array | None = None
         self._links: dict[str, dict[str, Array]] = {}
-        self._sent_bends: tuple[bytes, ...] = ()
-        self._forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
+        self._sent_fields: tuple[bytes, ...] = ()
+        self._sent_forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}
 
     @property
     def about(self) -> JsonObject:
@@ -198,7 +198,7 @@ class ConsoleStream(LiveConsole):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        return self._posed.links
+        return self._pose_packer.links
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -225,11 +225,11 @@ class ConsoleStream(LiveConsole):
         """
         self.tablet = ScaleTopic(host, port, topic, SCALE, self.table.scale, self.device.rescale)
         self.tablet.reports.tell = self._warn
-        self._connection = asyncio.ensure_future(self.tablet.run())
+        self._broker_connection = asyncio.ensure_future(self.tablet.run())
 
     def bridge(self, rules: AccessRules) -> RosBridge:
         """Return the server for clients of ROS systems that the rules accept; the caller starts and closes it."""
-        self.topics = ConsoleTopics(self, lambda: self._forces)
+        self.topics = ConsoleTopics(self, lambda: self._sent_forces)
         self.ros = RosBridge(self.topics, rules)
         return self.ros
 
@@ -238,8 +238,8 @@ class ConsoleStream(LiveConsole):
         if self.packets is not None:
             self.packets.socket.close()
             self.packets = None
-        if self._connection is not None:
-            self._connection.cancel()
+        if self._broker_connection is not None:
+            self._broker_connection.cancel()
         super().close()
 
     # -- time -----------------------------------------------------------------------------------------
@@ -261,32 +261,32 @@ class ConsoleStream(LiveConsole):
             self._send_error(text)
         if self.tablet is not None and self.reading["scale"] != scale:
             self.tablet.show(self.reading["scale"])
-        self._publish()
+        self._publish_report()
         self._send_forces()
         self._send_deviations(tick)
-        for document in self._plans.news():
+        for document in self._plan_documents.changed_documents():
             self.send(document)
         if self.ros is not None:
             self.ros.send()
         row = self.state_row()
-        has_moved = self._shown is None or not np.array_equal(row, self._shown)
+        has_moved = self._sent_row is None or not np.array_equal(row, self._sent_row)
         if has_moved:
-            self._shown = row
-            self._look()
-        self._bends.follow(lambda: self._links, passed, self.world.t)
-        bends = self._bends.packed
-        if not has_moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT_TICKS:
+            self._sent_row = row
+            self._update_poses()
+        self._deformables.follow(lambda: self._links, passed, self.world.t)
+        bends = self._deformables.packed
+        if not has_moved and bends is self._sent_fields and tick - self._tick_of_frame < HEARTBEAT_TICKS:
             return None
         self._tick_of_frame = tick
-        self._sent_bends = bends
+        self._sent_fields = bends
         seq = self._seq
         self._seq += 1
         signals = self.world.signals
         robots = []
-        for name in self._posed.bodies:
+        for name in self._pose_packer.bodies:
             # the movable objects are sent as a robot without joints
             q = signals[ROBOT_Q.of(name)] if name in self.shown else np.zeros(0)
-            robots.append(self._posed.pack(name, seq, server_time, q))
+            robots.append(self._pose_packer.pack(name, seq, server_time, q))
         return pack_scene(seq, server_time, self.world.t, 0, robots, bends)
 
     def _send_forces(self) -> None:
@@ -294,8 +294,8 @@ class ConsoleStream(LiveConsole):
         forces = {hand: [0.0, 0.0, 0.0] for hand in HANDS}  # a console with one hand has no force on the other one
         for hand, force in self.forces().items():
             forces[hand] = [round(float(component), 3) + 0.0 for component in force]  # + 0.0: no negative zero
-        if forces != self._forces:
-            self._forces = forces
+        if forces != self._sent_forces:
+            self._sent_forces = forces
             self.send({"type": "forces", **forces})
 
     def _send_deviations(self, tick: float) -> None:
@@ -334,13 +334,13 @@ class ConsoleStream(LiveConsole):
             ros_hands = self.topics.hands
         receive_hands(self, self.packets, ros_hands, parts)
 
-    def _look(self) -> None:
+    def _update_poses(self) -> None:
         """Read the poses of links and movable objects."""
         self._links = self.world.link_poses()
         objects = {item.name: self._links[item.name][item.name] for item in self.objects}
-        self._posed.look({**self._links, wire.OBJECTS_PREFIX: objects})
+        self._pose_packer.set_poses({**self._links, wire.OBJECTS_PREFIX: objects})
 
-    def _publish(self) -> None:
+    def _publish_report(self) -> None:
         """Add the newest report to `files`."""
         report = self.report()
         if report is None:
@@ -366,7 +366,7 @@ class ConsoleStream(LiveConsole):
             self.release(client)
             return
         try:
-            is_known = self._apply(client, message)
+            is_known = self._apply_to_console(client, message)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
         except TwinError as error:
@@ -374,11 +374,11 @@ class ConsoleStream(LiveConsole):
         if not is_known:
             raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
-    def _apply(self, client: str, message: ClientMessage) -> bool:
+    def _apply_to_console(self, client: str, message: ClientMessage) -> bool:
         """Apply a request to the console; return False if the request is not for a console."""
         match message:
             case HandsMessage():
-                self._hands(client, message)
+                self._move_hands(client, message)
             case ScaleMessage():
                 self.rescale(client, message.value)
             case TaskMessage(do="restart"):
@@ -405,7 +405,7 @@ class ConsoleStream(LiveConsole):
                 return False
         return True
 
-    def _hands(self, client: str, message: HandsMessage) -> None:
+    def _move_hands(self, client: str, message: HandsMessage) -> None:
         states = []
         for k, hand in enumerate((message.right, message.left)):
             pose = wire.pose_of(hand.pose)
@@ -416,7 +416,7 @@ class ConsoleStream(LiveConsole):
 
     def welcome(self) -> list[JsonObject]:
         """Return the documents of planning mode, and why a task that was asked for is not shown."""
-        documents = self._plans.all()
+        documents = self._plan_documents.all_documents()
         if self.choice is not None and self.choice.problem:
             documents.append({"type": "error", "code": "failed", "message": self.choice.problem[:500]})
         return documents

@@ -53,7 +53,7 @@ class DeformablePackets:
         try:
             has_moved = self.feed.follow(links(), passed)
         except Exception as error:  # an error in deformables must not stop the robots
-            self._fail(error)
+            self._report_first_error(error)
             return
         if has_moved:
             self.at(t)
@@ -68,10 +68,10 @@ class DeformablePackets:
             for name, surface in self.feed.surfaces.items():
                 fields[name] = pack_field(vertices_of(frame, name, surface))
         except Exception as error:  # an error in deformables must not stop the robots
-            self._fail(error)
+            self._report_first_error(error)
         self.packed = tuple(fields.values())
 
-    def _fail(self, error: Exception) -> None:
+    def _report_first_error(self, error: Exception) -> None:
         """Report the first error in deformables."""
         if self._error:
             return

@@ -60,7 +60,8 @@ class LiveRobot:
         patients: patients by protocol name.
         send: function that sends a document to all clients.
         planned: function called when a protocol has been planned.
-        opening: whether the robot is still where the page opens (`start` of its description), not in its protocol.
+        is_at_opening_state: whether the robot is still where the page opens (`start` of its description), not in its
+            protocol.
     """
 
     def __init__(
@@ -93,30 +94,30 @@ class LiveRobot:
         self.send: Callable[[JsonObject], object] = lambda document: None
         self.planned: Callable[[], object] = lambda: None
         self.movable = MovableRobot(robot)
-        self.opening = bool(start_of(robot))
+        self.is_at_opening_state = bool(start_of(robot))
         self.links = tuple(b.name for b in self.movable.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = SolverThread(
-            lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it.")
+            lambda e: self._send_failure(f"internal error, {type(e).__name__}: {e}. Please report it.")
         )
         self._ghost = Ghost(self.movable)
-        self._reach = ReachablePoints(self.movable, source)
+        self._workspace = ReachablePoints(self.movable, source)
         self._distances = ChangedDistances(self.movable)
         self._hold: ClientHold | None = None
-        self._dragged: ClientHold | None = None  # the last hold with a drag: the machine follows it
-        self._before: list[Array] = []  # joint values at the begin of each grab, the newest last
+        self._dragged_hold: ClientHold | None = None  # the last hold with a drag: the machine follows it
+        self._undo_states: list[Array] = []  # joint values at the begin of each grab, the newest last
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
         self._streamed: StreamedPlayback | None = None
         self._sample: int | None = None
-        self._wanted = ""
+        self._planned_name = ""
         self._reading: RobotReading | None = None
-        self._failed = ""
+        self._planning_error = ""
         self._tick = -1.0
         self._tick_of_reading = -float(READING_TICKS)
         self._tick_of_move = -1.0
-        self._wish: Callable[[], MoveResult] | None = None
-        self._shown = self._of(self.movable.assembly, None)
+        self._waiting_move: Callable[[], MoveResult] | None = None
+        self._shown = self._displayed_state(self.movable.assembly, None)
         self.patients: dict[str, Patient] = {}
         if place is None:
             self.patients = description.patients_of(robot, self.movable, self._protocols)
@@ -141,7 +142,7 @@ class LiveRobot:
         if self._planner is not None:
             self._planner.close()
             self._planner = None
-        self._reach.close()
+        self._workspace.close()
         self._worker.close()
         if self._machine is not None:
             self._machine.close()
@@ -152,11 +153,11 @@ class LiveRobot:
         """Apply a finished plan and a waiting request for a move at the start of a tick."""
         self._tick = tick
         if self._planner is not None and self._planner.done:
-            self._take_plan()
-        if self._wish is not None:
-            self._move(self._wish)
+            self._receive_plan()
+        if self._waiting_move is not None:
+            self._move(self._waiting_move)
 
-    def drive(self, passed: float) -> None:
+    def advance_machine(self, passed: float) -> None:
         """Let a machine follow the tool while a client drags the robot; otherwise, show the robot where it stands.
 
         `passed` is the time in s since the last call. While a protocol is shown, the machine rests; after a grab, it
@@ -166,7 +167,7 @@ class LiveRobot:
         if machine is None:
             return
         hold = self._hold
-        if hold is not None and hold is not self._dragged:
+        if hold is not None and hold is not self._dragged_hold:
             machine.advance(passed, None, True)
             return
         if hold is not None:
@@ -179,12 +180,12 @@ class LiveRobot:
         if at is not None and self._sample is None and not self._worker.waits("move"):
             self._move(lambda: self.movable.move_joints(at))
 
-    def look(self) -> None:
+    def update_readings(self) -> None:
         """Update the readings every `READING_TICKS` ticks, and send new workspace points."""
         if self._tick - self._tick_of_reading >= READING_TICKS:
             self._tick_of_reading = self._tick
-            self._look()
-        for document in self._reach.poll():
+            self._ask_readings()
+        for document in self._workspace.poll():
             self.send(document)
 
     def pose_of(self, link: str) -> Array:
@@ -213,13 +214,13 @@ class LiveRobot:
         return self._streamed.playback.duration
 
     @property
-    def why_not(self) -> str:
+    def missing_protocol_reason(self) -> str:
         """Reason why there is no protocol to play; "" if there is a protocol."""
         if self._streamed is not None:
             return ""
         if self._planner is not None:
             return "the protocol is being planned"
-        return self._failed or "none is loaded"
+        return self._planning_error or "none is loaded"
 
     @property
     def name(self) -> str:
@@ -229,7 +230,7 @@ class LiveRobot:
         return self.place.name
 
     @property
-    def called(self) -> str:
+    def name_in_messages(self) -> str:
         """Name of the robot in messages: the name of its place in a scene, else "the robot"."""
         if self.place is None:
             return "the robot"
@@ -273,42 +274,42 @@ class LiveRobot:
         elif isinstance(message, ReleaseMessage):
             self.release(client)
         elif isinstance(message, VariantMessage):
-            self._variant(message.name)
+            self._choose_variant(message.name)
         elif isinstance(message, DistanceMessage):
-            self.leave_to(client)
-            self._distance(message)
-            self.let_go(client)
+            self.require_free_for(client)
+            self._change_distance(message)
+            self.end_hold(client)
         elif isinstance(message, WorkspaceMessage):
-            self._reach.ask(message.on)
+            self._workspace.ask(message.on)
         elif isinstance(message, GrabMessage):
-            self.leave_to(client)
+            self.require_free_for(client)
             self._grab(client, message)
         elif isinstance(message, PostureMessage):
-            self.leave_to(client)
-            self._posture(message.name)
-            self.let_go(client)
+            self.require_free_for(client)
+            self._go_to_posture(message.name)
+            self.end_hold(client)
         elif isinstance(message, UndoMessage):
-            self.leave_to(client)
+            self.require_free_for(client)
             self._undo()
-            self.let_go(client)
+            self.end_hold(client)
         else:
-            self.leave_to(client)
+            self.require_free_for(client)
             if message.name not in self._protocols:
                 raise RefusedError("unknown", unknown("protocol", message.name, self._protocols))
-            self.opening = False
+            self.is_at_opening_state = False
             self._plan(message.name)
-            self.let_go(client)
+            self.end_hold(client)
 
-    def leave_to(self, client: str) -> None:
+    def require_free_for(self, client: str) -> None:
         """Check that no other client holds the robot.
 
         Raises:
             RefusedError: another client holds the robot.
         """
         if self._hold is not None and self._hold.client != client:
-            raise RefusedError("held", f"{self._hold.client} holds {self.called}")
+            raise RefusedError("held", f"{self._hold.client} holds {self.name_in_messages}")
 
-    def let_go(self, client: str) -> None:
+    def end_hold(self, client: str) -> None:
         """Release the robot if this client holds it, without clearing the message about the last refused request."""
         if self.holder == client:
             self._hold = None
@@ -322,7 +323,7 @@ class LiveRobot:
 
     def _grab(self, client: str, message: GrabMessage) -> None:
         hold = hold_of(client, message, self.movable)
-        self._before = [*self._before[1 - MAX_UNDOS :], np.array(self._shown.q, float)]
+        self._undo_states = [*self._undo_states[1 - MAX_UNDOS :], np.array(self._shown.q, float)]
         self._leave_protocol()
         if hold.target != "tool":
             self._worker.ask("prepare", self.movable.solver.prepare, lambda _: None)
@@ -333,7 +334,7 @@ class LiveRobot:
     def _leave_protocol(self) -> None:
         """Stop playing, and set the robot to the present pose of the protocol."""
         self.clock.playing = False
-        self._wish = None
+        self._waiting_move = None
         self._worker.drop("look", "move")
         if self._streamed is None or self._sample is None:
             return
@@ -349,11 +350,11 @@ class LiveRobot:
         self._worker.ask("settle", job, lambda _: None)
 
     def _drag(self, client: str, message: DragMessage) -> None:
-        self.leave_to(client)
+        self.require_free_for(client)
         if self._hold is None:
             raise RefusedError("not_held", "grab first, then drag")
         self._move(move_of(self._hold, message, self.movable))
-        self._dragged = self._hold
+        self._dragged_hold = self._hold
 
     def _require_no_machine(self, request: str) -> None:
         """Check that no machine leads the robot, which then stands where the machine stands unless a client holds it.
@@ -362,12 +363,11 @@ class LiveRobot:
             RefusedError: there is a machine.
         """
         if self._machine is not None:
-            text = (
-                f"{self.called} stands where its machine stands, and {request} moves no machine: drag the tool instead"
-            )
+            robot = self.name_in_messages
+            text = f"{robot} stands where its machine stands, and {request} moves no machine: drag the tool instead"
             raise RefusedError("refused", text)
 
-    def _posture(self, name: str) -> None:
+    def _go_to_posture(self, name: str) -> None:
         if name not in self.movable.postures:
             raise RefusedError("unknown", unknown("posture", name, self.movable.postures))
         self._require_no_machine("a posture")
@@ -378,37 +378,37 @@ class LiveRobot:
         """Move to the joint values at the begin of the last grab that moved the robot."""
         self._require_no_machine("undo")
         q_now = np.array(self._shown.q, float)
-        while self._before and np.abs(self._before[-1] - q_now).max(initial=0.0) < 1e-9:
-            self._before.pop()
-        if not self._before:
-            raise RefusedError("refused", f"nothing to undo: {self.called} has not been moved by a grab")
-        q = self._before.pop()
+        while self._undo_states and np.abs(self._undo_states[-1] - q_now).max(initial=0.0) < 1e-9:
+            self._undo_states.pop()
+        if not self._undo_states:
+            raise RefusedError("refused", f"nothing to undo: {self.name_in_messages} has not been moved by a grab")
+        q = self._undo_states.pop()
         self._leave_protocol()
         self._move(lambda: self.movable.move_joints(q))
 
-    def _variant(self, name: str | None) -> None:
+    def _choose_variant(self, name: str | None) -> None:
         if name is not None and name not in self.description["variants"]:
             raise RefusedError("unknown", unknown("variant", name, self.description["variants"]))
         self._ghost.forget(name)
 
         def done(error: str) -> None:
-            if error and self._ghost.name == name:
-                self._ghost.name = None
-                self._failure(error)
-            self._again()
+            if error and self._ghost.variant == name:
+                self._ghost.variant = None
+                self._send_failure(error)
+            self._refresh_ghost()
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
 
-    def _distance(self, message: DistanceMessage) -> None:
+    def _change_distance(self, message: DistanceMessage) -> None:
         index = message.index
         if index is not None and index >= len(self._distances):
-            text = f"there is no distance {index}: {self.called} has {len(self._distances)}, counted from 0"
+            text = f"there is no distance {index}: {self.name_in_messages} has {len(self._distances)}, counted from 0"
             raise RefusedError("unknown", text)
         self._leave_protocol()
 
         def job() -> DisplayedState:
             reason = self._distances.change(index, message.value)
-            return self._of(self.movable.assembly, self._ghost.here(), reason)
+            return self._displayed_state(self.movable.assembly, self._ghost.present_pose(), reason)
 
         def done(shown: DisplayedState) -> None:
             self._sample = None
@@ -416,7 +416,7 @@ class LiveRobot:
 
         self._worker.ask("distance", job, done)
 
-    def _failure(self, text: str) -> None:
+    def _send_failure(self, text: str) -> None:
         self.send({"type": "error", "code": "failed", "message": text[:500]})
 
     # -- jobs and their results -----------------------------------------------------------------------
@@ -424,30 +424,30 @@ class LiveRobot:
     def _move(self, move: Callable[[], MoveResult]) -> None:
         """Execute the newest request for a move of the robot, at most one per tick, and display the result."""
         if self._tick_of_move == self._tick:  # only one solution is displayed per tick
-            self._wish = move
+            self._waiting_move = move
             return
         self._tick_of_move = self._tick
-        self._wish = None
+        self._waiting_move = None
         hold = self._hold
 
         def job() -> tuple[DisplayedState, bool]:
             result = move()
             # a move that continues has not been refused
             reason = "" if result.more else result.reason
-            return self._of(self.movable.assembly, self._ghost.here(), reason), result.more
+            return self._displayed_state(self.movable.assembly, self._ghost.present_pose(), reason), result.more
 
         def done(result: tuple[DisplayedState, bool]) -> None:
             shown, more = result
             if hold is not None and self._hold is not hold:  # already released: ignore the refused target
                 shown = replace(shown, reason="")
-            elif more and self._wish is None and self._sample is None:
-                self._wish = move
+            elif more and self._waiting_move is None and self._sample is None:
+                self._waiting_move = move
             if self._sample is None:
                 self._show(shown)
 
         self._worker.ask("move", job, done)
 
-    def _of(self, assembly: Assembly, ghost: Array | None, reason: str = "") -> DisplayedState:
+    def _displayed_state(self, assembly: Assembly, ghost: Array | None, reason: str = "") -> DisplayedState:
         poses = wire.sevens(np.stack([assembly.link_poses[n] for n in self.links]))
         return DisplayedState(poses, assembly.q, ghost, reason)
 
@@ -455,21 +455,21 @@ class LiveRobot:
         """Display a state, with each quaternion's sign chosen for continuity with the previously displayed state."""
         self._shown = shown.continued_from(self._shown)
 
-    def _again(self) -> None:
+    def _refresh_ghost(self) -> None:
         """Display the present state again, because the ghost has changed."""
         if self._sample is not None:
-            self.stand()
+            self.show_protocol_sample()
         else:
             self._move(lambda: self.movable.last_move)
 
-    def stand(self) -> None:
+    def show_protocol_sample(self) -> None:
         """Display the sample of the protocol at the clock's time."""
         streamed = self._streamed
         if streamed is None:
             return
-        self.opening = False
+        self.is_at_opening_state = False
         k = int(np.clip(round(self.clock.time * TICK_RATE), 0, len(streamed.playback.t) - 1))
-        self._wish = None
+        self._waiting_move = None
         self._worker.drop("move")
         if self.movable.edited:  # the stored link poses are those of the robot as it was loaded
             self._sample = None
@@ -477,9 +477,9 @@ class LiveRobot:
             self._move(lambda: self.movable.follow_sample(playback.x[k], playback.Ts_base_tool[k]))
             return
         self._sample = k
-        self._show(DisplayedState(streamed.poses[k], streamed.playback.q[k], self._ghost.at(k)))
+        self._show(DisplayedState(streamed.poses[k], streamed.playback.q[k], self._ghost.pose_at_sample(k)))
 
-    def _look(self) -> None:
+    def _ask_readings(self) -> None:
         if self._worker.waits("look"):
             return
         # the job runs later, when these attributes may have changed
@@ -499,22 +499,22 @@ class LiveRobot:
             self._reading = reading
 
         self._worker.ask("look", job, done)
-        if self._ghost.wanting:
-            self._worker.ask("ghost", self._ghost.more, self._more_ghost)
+        if self._ghost.has_unprocessed_samples:
+            self._worker.ask("ghost", self._ghost.process_samples, self._continue_ghost)
 
-    def _more_ghost(self, is_incomplete: bool) -> None:
+    def _continue_ghost(self, is_incomplete: bool) -> None:
         if not is_incomplete:
             return
-        if self._ghost.wanting:
-            self._worker.ask("ghost", self._ghost.more, self._more_ghost)
-        elif self._ghost.nowhere:
+        if self._ghost.has_unprocessed_samples:
+            self._worker.ask("ghost", self._ghost.process_samples, self._continue_ghost)
+        elif self._ghost.is_nowhere_solved:
             text = (
-                f"{self._ghost.name}: these equations give no tool pose at any joint values of the protocol; the ghost "
-                "is not shown"
+                f"{self._ghost.variant}: these equations give no tool pose at any joint values of the protocol; the "
+                "ghost is not shown"
             )
-            self._failure(text)
+            self._send_failure(text)
         if self._sample is not None:
-            self.stand()
+            self.show_protocol_sample()
 
     # -- protocols ------------------------------------------------------------------------------------
 
@@ -522,18 +522,18 @@ class LiveRobot:
         if self._planner is not None:
             self._planner.close()
         self.clock.playing = False
-        self._wanted = name
-        self._failed = ""
+        self._planned_name = name
+        self._planning_error = ""
         self._planner = Planner(self.source, self._protocols[name])
 
-    def _take_plan(self) -> None:
+    def _receive_plan(self) -> None:
         assert self._planner is not None
         answer = self._planner.answer
         self._planner.close()
         self._planner = None
         if not isinstance(answer, Playback):
-            self._failed = str(answer)
-            self._failure(f"{self._wanted}: {answer}")
+            self._planning_error = str(answer)
+            self._send_failure(f"{self._planned_name}: {answer}")
             return
         playback = answer
         movable = self.movable
@@ -554,8 +554,8 @@ class LiveRobot:
 
         def done(streamed: StreamedPlayback | TwinError) -> None:
             if isinstance(streamed, TwinError):
-                self._failed = str(streamed)
-                self._failure(f"{playback.protocol}: {streamed}")
+                self._planning_error = str(streamed)
+                self._send_failure(f"{playback.protocol}: {streamed}")
                 return
             self._streamed = streamed
             self.send(path_document(streamed))
@@ -565,7 +565,7 @@ class LiveRobot:
 
     def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip path and workspace."""
-        return [path_document(self._streamed), *self._reach.sent]
+        return [path_document(self._streamed), *self._workspace.sent]
 
     def state(self) -> JsonObject:
         """Return the robot's part of the document `state`."""
@@ -588,15 +588,15 @@ class LiveRobot:
             "protocol": protocol,
             "phases": phases,
             "phase": phase,
-            "planning": self._wanted if self._planner is not None else None,
+            "planning": self._planned_name if self._planner is not None else None,
             "holder": self.holder,
-            "reason": shown.reason or self._failed or self._machine_problem or None,
+            "reason": shown.reason or self._planning_error or self._machine_problem or None,
             **reading_entries(self._reading, distance_to_ghost),
             "rcm": trocars[0]["at"] if trocars else None,
             "trocars": trocars,
-            "variant": self._ghost.name,
+            "variant": self._ghost.variant,
             "distances": [[index, value] for index, value in sorted(self._distances.values.items())],
-            "workspace": self._reach.on,
+            "workspace": self._workspace.on,
             "postures": list(self.movable.postures),
             **({} if self._machine is None else {"machine": self._machine.state()}),
         }

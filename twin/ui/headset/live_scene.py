@@ -45,23 +45,23 @@ class LiveScene:
         self.twins = {t.name: t for t in twins}
         self.clock = clock
         self.feed = feed
-        self._bends = DeformablePackets(feed)
+        self._deformables = DeformablePackets(feed)
         self.send: Callable[[JsonObject], object] = lambda document: None
-        self._bends.send = lambda document: self.send(document)
-        self.alone = feed is None and len(twins) == 1 and twins[0].place is None
+        self._deformables.send = lambda document: self.send(document)
+        self.is_single_robot = feed is None and len(twins) == 1 and twins[0].place is None
         self._tick = -1.0
         self._tick_of_frame = -float(HEARTBEAT_TICKS)
         self._seq = 0
         self._sent_key: tuple[object, ...] = ()
         for twin in twins:
-            twin.send = self._sender(twin)
-            twin.planned = self._planned
-        self._measure()
+            twin.send = self._document_sender(twin)
+            twin.planned = self._restart_robots
+        self._update_duration()
 
     @property
     def version(self) -> int:
         """Version of the stream protocol."""
-        if self.alone:
+        if self.is_single_robot:
             return wire.ROBOT_VERSION
         return wire.SCENE_VERSION
 
@@ -82,7 +82,7 @@ class LiveScene:
         return tuple(names)
 
     def _full_names(self, robot: str, names: Sequence[str]) -> Sequence[str]:
-        if self.alone:
+        if self.is_single_robot:
             return names
         return [f"{robot}/{name}" for name in names]
 
@@ -105,14 +105,14 @@ class LiveScene:
         twins = tuple(self.twins.values())
         for twin in twins:
             twin.poll(tick)
-            twin.drive(passed)
+            twin.advance_machine(passed)
         if self.clock.advance(passed):
-            self._stand()
+            self._show_protocol_samples()
         for twin in twins:
-            twin.look()
-        self._bends.follow(self._links, passed, self.clock.time)
+            twin.update_readings()
+        self._deformables.follow(self._links, passed, self.clock.time)
         contents = [twin.content_key for twin in twins]
-        key = (*contents, self._bends.packed)
+        key = (*contents, self._deformables.packed)
         if key == self._sent_key and tick - self._tick_of_frame < HEARTBEAT_TICKS:
             return None
         self._sent_key = key
@@ -124,39 +124,39 @@ class LiveScene:
         for twin in twins:
             robots.append(twin.frame(seq, server_time))
             is_held = is_held or twin.holder is not None
-        if self.alone:
+        if self.is_single_robot:
             return robots[0]
         flags = wire.PLAYING_FLAG * self.clock.playing | wire.HELD_FLAG * is_held
-        return pack_scene(seq, server_time, self.clock.time, flags, robots, self._bends.packed)
+        return pack_scene(seq, server_time, self.clock.time, flags, robots, self._deformables.packed)
 
     def _links(self) -> dict[str, dict[str, Array]]:
         """Return T_world_link (4, 4) of the links that bend the deformables, by robot and link."""
         poses = {}
-        for robot, names in self._bends.needs.items():
+        for robot, names in self._deformables.needs.items():
             twin = self.twins[robot]
             poses[robot] = {name: twin.pose_of(name) for name in names}
         return poses
 
-    def _planned(self) -> None:
+    def _restart_robots(self) -> None:
         """Restart all robots, because the protocol of one robot has changed; one at its `start` stays there."""
-        self._measure()
+        self._update_duration()
         self.clock.seek(0.0)
-        self._bends.at(0.0)
+        self._deformables.at(0.0)
         for twin in self.twins.values():
-            if twin.holder is None and not twin.opening:
-                twin.stand()
+            if twin.holder is None and not twin.is_at_opening_state:
+                twin.show_protocol_sample()
 
-    def _measure(self) -> None:
+    def _update_duration(self) -> None:
         """Set the clock's duration to that of the longest protocol or deformation."""
         durations = [twin.duration for twin in self.twins.values()]
         durations.append(0.0 if self.feed is None else self.feed.duration)
         self.clock.duration = max(durations)
 
-    def _stand(self) -> None:
+    def _show_protocol_samples(self) -> None:
         """Move all robots to the clock's time; a robot whose protocol has ended stays at the end."""
         for twin in self.twins.values():
-            twin.stand()
-        self._bends.at(self.clock.time)
+            twin.show_protocol_sample()
+        self._deformables.at(self.clock.time)
 
     # -- requests of clients --------------------------------------------------------------------------
 
@@ -179,22 +179,22 @@ class LiveScene:
             if isinstance(message, ReleaseMessage) and message.robot is None:
                 self.release(client)
             else:
-                self._of(client, message).ask(client, message)
+                self._robot_of(client, message).ask(client, message)
             return
         if not isinstance(message, SpeedMessage | LoopMessage | SeekMessage | PlayMessage):
             raise RefusedError("refused", f"`{message.type}` is for a console: this server has no console")
         for twin in self.twins.values():
-            twin.leave_to(client)
+            twin.require_free_for(client)
         if isinstance(message, SpeedMessage):
             self.clock.speed = message.value
         elif isinstance(message, LoopMessage):
             self.clock.loop = message.on
         else:
-            self._time(message)
+            self._move_clock(message)
             for twin in self.twins.values():
-                twin.let_go(client)
+                twin.end_hold(client)
 
-    def _of(self, client: str, message: RobotMessage) -> LiveRobot:
+    def _robot_of(self, client: str, message: RobotMessage) -> LiveRobot:
         """Return the robot to which a request applies.
 
         Without a robot's name, a drag applies to the only robot that the client holds; other requests need the name if
@@ -216,11 +216,13 @@ class LiveScene:
             )
         return twins[0]
 
-    def _time(self, message: SeekMessage | PlayMessage) -> None:
+    def _move_clock(self, message: SeekMessage | PlayMessage) -> None:
         if not self.clock.duration > 0:
             reasons = []
             for name, twin in self.twins.items():
-                reasons.append(twin.why_not if self.alone else f"{name}: {twin.why_not}")
+                reasons.append(
+                    twin.missing_protocol_reason if self.is_single_robot else f"{name}: {twin.missing_protocol_reason}"
+                )
             raise RefusedError("refused", f"no protocol is planned yet: {'; '.join(reasons)}")
         if isinstance(message, SeekMessage):
             self.clock.seek(message.t)
@@ -229,16 +231,16 @@ class LiveScene:
         else:
             self.clock.playing = False
             return
-        self._stand()
+        self._show_protocol_samples()
 
     # -- documents ------------------------------------------------------------------------------------
 
-    def _sender(self, twin: LiveRobot) -> Callable[[JsonObject], object]:
-        return lambda document: self.send(self._signed(twin, document))
+    def _document_sender(self, twin: LiveRobot) -> Callable[[JsonObject], object]:
+        return lambda document: self.send(self._with_robot_name(twin, document))
 
-    def _signed(self, twin: LiveRobot, document: JsonObject) -> JsonObject:
+    def _with_robot_name(self, twin: LiveRobot, document: JsonObject) -> JsonObject:
         """Return a document of a robot with the robot's name, which version 1 of the stream protocol lacks."""
-        if self.alone:
+        if self.is_single_robot:
             return document
         return {**document, "robot": twin.name}
 
@@ -247,7 +249,7 @@ class LiveScene:
         documents = []
         for twin in self.twins.values():
             for document in twin.welcome():
-                documents.append(self._signed(twin, document))
+                documents.append(self._with_robot_name(twin, document))
         return documents
 
     def state(self) -> JsonObject:
@@ -263,7 +265,7 @@ class LiveScene:
         }
         robots = []
         for name, twin in self.twins.items():
-            if self.alone:
+            if self.is_single_robot:
                 return shared | twin.state()
             robots.append({"name": name, **twin.state()})
         return {**shared, "robots": robots}

@@ -26,7 +26,7 @@ class MirroredMachine:
     """
 
     replays = False
-    alone = False
+    is_single_robot = False
     version = wire.SCENE_VERSION
 
     def __init__(self, mirror: Mirror) -> None:
@@ -35,22 +35,22 @@ class MirroredMachine:
         self.send: Callable[[JsonObject], object] = lambda document: None
         names = [body.name for body in mirror.robot.mechanism.bodies]
         robots = (mirror.name, mirror.ghost)
-        self._posed = PosePacker(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
+        self._pose_packer = PosePacker(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
         self._seq = 0
         self._tick_of_frame = float(-HEARTBEAT_TICKS)
         self._tick_of_deviations = float(-DEVIATION_TICKS)
-        self._shown: Array | None = None
+        self._sent_row: Array | None = None
 
     @property
     def links(self) -> tuple[str, ...]:
         """Names of all links, "<robot>/<link>"."""
-        return self._posed.links
+        return self._pose_packer.links
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of all active joints, "<robot>/<joint>"."""
         names = []
-        for robot in self._posed.bodies:
+        for robot in self._pose_packer.bodies:
             for joint in self.mirror.robot.mechanism.active:
                 names.append(f"{robot}/{joint.name}")
         return tuple(names)
@@ -77,22 +77,22 @@ class MirroredMachine:
             robots = {mirror.name: {"tip": round(deviation["tip"], 7), "joints": joints, "cue": 0.0}}
             self.send({"type": "deviations", "time": round(server_time, 3), "robots": robots})
         signals = mirror.world.signals
-        values = [signals[ROBOT_Q.of(name)] for name in self._posed.bodies]
+        values = [signals[ROBOT_Q.of(name)] for name in self._pose_packer.bodies]
         row = np.concatenate(values)
         if (
-            self._shown is not None
-            and np.array_equal(row, self._shown)
+            self._sent_row is not None
+            and np.array_equal(row, self._sent_row)
             and tick - self._tick_of_frame < HEARTBEAT_TICKS
         ):
             return None
-        self._shown = row
+        self._sent_row = row
         self._tick_of_frame = tick
         seq = self._seq
         self._seq += 1
-        self._posed.look(mirror.links)
+        self._pose_packer.set_poses(mirror.links)
         parts = []
-        for name, q in zip(self._posed.bodies, values, strict=True):
-            parts.append(self._posed.pack(name, seq, server_time, q))
+        for name, q in zip(self._pose_packer.bodies, values, strict=True):
+            parts.append(self._pose_packer.pack(name, seq, server_time, q))
         return pack_scene(seq, server_time, 0.0, 0, parts, ())
 
     def state(self) -> JsonObject:
@@ -100,7 +100,7 @@ class MirroredMachine:
         mirror = self.mirror
         machine = {"level": mirror.level, "phase": "follow", "why": None, "problem": mirror.problem or None}
         machines = {"view": "real", "mode": "", "robots": {mirror.name: machine}}
-        return wire.still(self._posed.bodies) | {"machines": machines}
+        return wire.still(self._pose_packer.bodies) | {"machines": machines}
 
     def welcome(self) -> list[JsonObject]:
         """Return no documents: a new client needs only the state."""

@@ -95,7 +95,7 @@ class ScaleTopic:
         self._limits = limits
         self._apply = apply
         self._scale = scale
-        self._changed = asyncio.Event()
+        self._scale_changed = asyncio.Event()
 
     @property
     def state(self) -> JsonObject:
@@ -105,7 +105,7 @@ class ScaleTopic:
     def show(self, scale: float) -> None:
         """Store `scale` as the current motion scale, which `run` then publishes."""
         self._scale = scale
-        self._changed.set()
+        self._scale_changed.set()
 
     async def run(self) -> None:
         """Connect, receive scales, and publish the current scale; connect again if the connection ends."""
@@ -118,7 +118,7 @@ class ScaleTopic:
                     self.problem = None
                     if was_disconnected:
                         self.reports.tell(f"MQTT broker {self.broker} is connected again")
-                    await self._serve(client)
+                    await self._publish_and_listen(client)
             except* (self._mqtt.MqttError, ValueError) as errors:  # ValueError: an invalid host name
                 what = "has disconnected"
                 if not self.connected:
@@ -149,10 +149,10 @@ class ScaleTopic:
         After an invalid message of the broker, the library would close the socket only after the keep-alive interval.
         """
         client = self._client()
-        _retrieve_end(client)
+        _ignore_end(client)
         try:
             async with client:
-                _retrieve_end(client)
+                _ignore_end(client)
                 yield client
         finally:
             client._client._sock_close()
@@ -172,7 +172,7 @@ class ScaleTopic:
             logger=quiet,
         )
 
-    async def _serve(self, client: Client) -> None:
+    async def _publish_and_listen(self, client: Client) -> None:
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._listen(client))
@@ -185,23 +185,23 @@ class ScaleTopic:
     async def _publish(self, client: Client) -> None:
         await client.publish(f"{self.topic}/available", "online", qos=1, retain=True)
         while True:
-            self._changed.clear()
+            self._scale_changed.clear()
             await client.publish(self.topic, repr(self._scale), retain=True)
-            await self._changed.wait()
+            await self._scale_changed.wait()
 
     async def _listen(self, client: Client) -> None:
         async for message in client.messages:
             try:
-                scale = self._read(message)
+                scale = self._read_message(message)
             except TwinError as error:
                 self.problem = f"MQTT topic {self.topic}/set: {error}; the motion scale stays {self._scale:g}"
                 self.reports.report("payload", time.monotonic(), self.problem)
-                self._changed.set()  # publish the current scale again, to correct displays of the refused one
+                self._scale_changed.set()  # publish the current scale again, to correct displays of the refused one
                 continue
             self.problem = None
             self._apply(scale)
 
-    def _read(self, message: Message) -> float:
+    def _read_message(self, message: Message) -> float:
         """Return the scale in a message; raise `TwinError` if the message has no valid scale."""
         low, high = self._limits
         if message.retain:
@@ -209,7 +209,7 @@ class ScaleTopic:
         payload = b""  # a message without payload has None
         if isinstance(message.payload, bytes):
             payload = message.payload
-        scale = _number(payload)
+        scale = _scale_in(payload)
         if scale is None:
             text = payload[:_MAX_SHOWN_BYTES].decode("utf-8", "replace")
             raise TwinError(f"{text!r} is not a number; send {low:g} to {high:g}")
@@ -218,7 +218,7 @@ class ScaleTopic:
         return scale
 
 
-def _number(payload: bytes) -> float | None:
+def _scale_in(payload: bytes) -> float | None:
     """Return the number that a payload states as decimal text; None if it states none."""
     if b"_" in payload:  # Python would read 1_0 as 10
         return None
@@ -228,7 +228,7 @@ def _number(payload: bytes) -> float | None:
         return None
 
 
-def _retrieve_end(client: Client) -> None:
+def _ignore_end(client: Client) -> None:
     """Retrieve the error with which a connection ends; otherwise asyncio logs it when nothing waits for the end.
 
     The library sets the error of a broker's invalid message in a future, and replaces the future when it has connected.

@@ -97,12 +97,12 @@ class PacketSocket:
         accepted = 0
         for _ in range(share):
             data, address = self._waiting.popleft()
-            accepted += self._take(data, address, t)
+            accepted += self._accept(data, address, t)
         return accepted
 
-    def _take(self, data: bytes, address: Address, t: float) -> bool:
+    def _accept(self, data: bytes, address: Address, t: float) -> bool:
         """Pass a packet to the device, or refuse it and report why; return whether it was passed."""
-        sender = _text(address)
+        sender = _address_text(address)
         try:
             state = self.device.read(data)
         except DeviceError as error:
@@ -120,14 +120,17 @@ class PacketSocket:
 
     def _refusal(self, state: HandState, address: Address, t: float) -> tuple[str, str] | None:
         """Return kind and text of the reason to refuse a packet from an address; None if it is accepted."""
-        sender = _text(address)
+        sender = _address_text(address)
         side = self.device.hands[state.hand]
         owner = self.sender(state.hand, t)
         if self.holder is not None:
             return "held", f"packets from {sender} are ignored: {self.holder} controls the hands; release them there"
         if owner is not None and owner != address:
             until = f"until it is silent for {self.device.patience:g} s"
-            return "other", f"packets from {sender} are ignored: {_text(owner)} controls the {side} hand {until}"
+            return (
+                "other",
+                f"packets from {sender} are ignored: {_address_text(owner)} controls the {side} hand {until}",
+            )
         if owner is None and state.camera:
             pressed = "the camera pedal was pressed in the first packet; release it once"
             return "pedal", f"packets of the {side} hand from {sender} are ignored: {pressed}"
@@ -204,7 +207,7 @@ class PacketHands:
         lost_packets: dict[str, int] = {}
         for hand, name in enumerate(device.hands):
             sender = self.socket.sender(hand, t)
-            senders[name] = None if sender is None else _text(sender)
+            senders[name] = None if sender is None else _address_text(sender)
             lost_packets[name] = int(signals[HAND_LOST.of(name)][0])
         ignored = int(signals[DEVICE_IGNORED.of(device.device)][0])
         return {
@@ -215,6 +218,6 @@ class PacketHands:
         }
 
 
-def _text(address: Address) -> str:
+def _address_text(address: Address) -> str:
     host, port = address
     return f"{host}:{port}"

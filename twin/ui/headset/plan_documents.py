@@ -21,11 +21,11 @@ class PlanDocuments:
         self._mode = mode
         self._bodies = bodies
         self._changes = mode.changes
-        self._parts = 0
+        self._sent_parts = 0
         self._ghost: Mapping[str, np.ndarray] = mode.ghost
         self._preview: Preview | None = None
 
-    def news(self) -> list[JsonObject]:
+    def changed_documents(self) -> list[JsonObject]:
         """Return the documents whose content has changed since the last call."""
         mode = self._mode
         documents: list[JsonObject] = []
@@ -38,16 +38,16 @@ class PlanDocuments:
         preview = mode.preview
         if preview is not self._preview:
             self._preview = preview
-            self._parts = 0
+            self._sent_parts = 0
             documents.append(self._plan(preview))
         if preview is not None:
             parts = len(preview.clear) + (preview.proven is not None)
-            if parts != self._parts:
-                self._parts = parts
+            if parts != self._sent_parts:
+                self._sent_parts = parts
                 documents.append(self._clearance(preview))
         return documents
 
-    def all(self) -> list[JsonObject]:
+    def all_documents(self) -> list[JsonObject]:
         """Return all documents that a new client needs."""
         mode = self._mode
         if mode.phase == "off":
@@ -64,7 +64,7 @@ class PlanDocuments:
         links = []
         if ghost:
             links = [ghost[name] for name in self._bodies.get(robot, ())]
-        return {"type": "target", "robot": robot, "poses": floats(_sevens(np.array(links)))}
+        return {"type": "target", "robot": robot, "poses": floats(_packed_poses(np.array(links)))}
 
     def _plan(self, preview: Preview | None) -> JsonObject:
         robot = self._mode.robot
@@ -84,7 +84,7 @@ class PlanDocuments:
         return {
             "type": "plan",
             "robot": robot,
-            "poses": floats(_sevens(motion.shown[:, columns])),
+            "poses": floats(_packed_poses(motion.shown[:, columns])),
             "tip": floats(motion.Ts[::stride, :3, 3]),
             "tree": floats(motion.tree),
             "every": PREVIEW_PERIOD,
@@ -110,7 +110,7 @@ class PlanDocuments:
         return document
 
 
-def _sevens(Ts: np.ndarray) -> np.ndarray:
+def _packed_poses(Ts: np.ndarray) -> np.ndarray:
     if not Ts.size:
         return np.zeros((0, 7))
     return sevens(Ts)

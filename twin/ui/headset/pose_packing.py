@@ -33,7 +33,7 @@ class PosePacker:
                 links.append(f"{robot}/{name}")
         return tuple(links)
 
-    def look(self, links: Mapping[str, Mapping[str, Array]]) -> None:
+    def set_poses(self, links: Mapping[str, Mapping[str, Array]]) -> None:
         """Store the link poses T_world_link (4, 4) of all robots, by robot and link."""
         Ts_base_link = []
         for robot, names in self.bodies.items():

@@ -18,10 +18,10 @@ class ProblemReports:
         """Start without earlier problems."""
         self.quiet = quiet
         self.tell: Callable[[str], object] = lambda text: None
-        self._last: dict[str, float] = {}
+        self._last_times: dict[str, float] = {}
 
     def report(self, kind: str, t: float, text: str) -> None:
         """Report the problem `text` at time t in s, unless the last problem of this kind is at most `quiet` s ago."""
-        if t - self._last.get(kind, -math.inf) > self.quiet:
+        if t - self._last_times.get(kind, -math.inf) > self.quiet:
             self.tell(text)
-        self._last[kind] = t
+        self._last_times[kind] = t

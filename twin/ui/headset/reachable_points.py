@@ -32,7 +32,7 @@ class ReachablePoints:
     def __init__(self, movable: MovableRobot, source: str) -> None:
         self.on = False
         self.sent: list[JsonObject] = []
-        self._new: list[JsonObject] = []
+        self._cleared_documents: list[JsonObject] = []
         self._movable = movable
         self._source = source
         self._cloud = Cloud()
@@ -53,7 +53,7 @@ class ReachablePoints:
         if not on:
             self.on = False
             self._cloud.cancel()
-            self._new = [{"type": "cloud", "first": True, "points": "", "values": "", "done": True}]
+            self._cleared_documents = [{"type": "cloud", "first": True, "points": "", "values": "", "done": True}]
             return
         if movable.kin is None or not movable.kin.closed_inverse:
             raise RefusedError(
@@ -65,9 +65,9 @@ class ReachablePoints:
 
     def poll(self) -> list[JsonObject]:
         """Return the documents that are new since the last call: points, or an error."""
-        if self._new:
-            new = self._new
-            self._new = []
+        if self._cleared_documents:
+            new = self._cleared_documents
+            self._cleared_documents = []
             return new
         if not self.on:
             return []

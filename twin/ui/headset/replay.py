@@ -102,21 +102,21 @@ class Replay:
         self.last = max(self._frames.keys() | self._documents.keys())
         self.version = int(file.version)
         self.send: Callable[[JsonObject], object] = lambda document: None
-        self._at = -1
+        self._shown_tick = -1
         self._running = False
-        self._begun = False
+        self._has_begun = False
         self._state: JsonObject = {"type": "state"}
-        self._others: dict[tuple[str, str], JsonObject] = {}
+        self._other_documents: dict[tuple[str, str], JsonObject] = {}
 
     def frame(self, tick: float, server_time: float) -> bytes | None:
         """Play the next recorded tick, and return its frame with the recorded time; None if paused or without frame."""
-        if self._at >= self.last:
+        if self._shown_tick >= self.last:
             self._running = False
         if not self._running:
             return None
-        self._at += 1
-        self._play(self._at)
-        return self._frames.get(self._at)
+        self._shown_tick += 1
+        self._play(self._shown_tick)
+        return self._frames.get(self._shown_tick)
 
     def _play(self, tick: int) -> None:
         """Play the documents of a recorded tick: store them as the last played documents of their kinds."""
@@ -124,19 +124,22 @@ class Replay:
             if document.get("type") == "state":
                 self._state = document
             else:
-                self._others[str(document.get("type")), str(document.get("robot"))] = document
+                self._other_documents[str(document.get("type")), str(document.get("robot"))] = document
 
     def state(self) -> JsonObject:
         """Return the last played document `state`, with an additional entry `replay` (time and duration in s)."""
-        return {**self._state, "replay": {"time": max(self._at, 0) / TICK_RATE, "duration": self.last / TICK_RATE}}
+        return {
+            **self._state,
+            "replay": {"time": max(self._shown_tick, 0) / TICK_RATE, "duration": self.last / TICK_RATE},
+        }
 
     def welcome(self) -> list[JsonObject]:
         """Start the replay if this is the first client; return the last played document `path` of each robot."""
-        if not self._begun:
-            self._begun = True
+        if not self._has_begun:
+            self._has_begun = True
             self._running = True
         paths = []
-        for (kind, _), document in self._others.items():
+        for (kind, _), document in self._other_documents.items():
             if kind == "path":
                 paths.append(document)
         return paths
@@ -148,13 +151,13 @@ class Replay:
             RefusedError: the message is not a request to play, pause or seek.
         """
         if isinstance(message, PlayMessage):
-            if message.on and self._at >= self.last:
-                self._at = -1
+            if message.on and self._shown_tick >= self.last:
+                self._shown_tick = -1
             self._running = message.on
         elif isinstance(message, SeekMessage):
-            self._at = min(int(message.t * TICK_RATE), self.last) - 1
-            self._state, self._others = {"type": "state"}, {}
-            for tick in sorted(t for t in self._documents if t <= self._at):
+            self._shown_tick = min(int(message.t * TICK_RATE), self.last) - 1
+            self._state, self._other_documents = {"type": "state"}, {}
+            for tick in sorted(t for t in self._documents if t <= self._shown_tick):
                 self._play(tick)
             self._running = True
         else:

@@ -41,8 +41,8 @@ def drawn_of_robot(robot: Robot) -> DrawnFiles:
     """
     parts = _parts_of(robot)
     if parts is None:
-        return _drawn([])
-    return _drawn([(robot.name, parts)])
+        return _drawing_entry([])
+    return _drawing_entry([(robot.name, parts)])
 
 
 def drawn_of_scene(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> DrawnFiles:
@@ -56,7 +56,7 @@ def drawn_of_scene(scene: Scene, robots: Mapping[str, Robot], props: Mechanism |
         own_parts = _parts_of(robot)
         if own_parts is not None:
             parts.append((name, own_parts))
-    return _drawn(parts)
+    return _drawing_entry(parts)
 
 
 def _parts_of(robot: Robot) -> DrawnParts | None:
@@ -65,7 +65,7 @@ def _parts_of(robot: Robot) -> DrawnParts | None:
     return drawn_parts(robot.files.description, [body.name for body in robot.mechanism.bodies])
 
 
-def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
+def _drawing_entry(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
     bodies: list[Body] = []
     nodes: list[JsonObject] = []
     cables: list[JsonObject] = []
@@ -79,7 +79,7 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
             meshes = tuple(replace(mesh, name=f"{name}_{mesh.name}") for mesh in body.meshes)
             bodies.append(Body(name, meshes))
             nodes.append({"node": name, "robot": owner, "link": link or None, "pattern": pattern})
-        cables += [_cable(owner, cable) for cable in parts_of_owner.cables]
+        cables += [_cable_entry(owner, cable) for cable in parts_of_owner.cables]
         for finish in parts_of_owner.finishes:
             finishes.append({"body": finish.body, "color": list(finish.color), "pattern": finish.pattern})
     figure = person()
@@ -99,7 +99,7 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
     return DrawnFiles(contents, entries)
 
 
-def _cable(owner: Owner, cable: DrawnCable) -> JsonObject:
+def _cable_entry(owner: Owner, cable: DrawnCable) -> JsonObject:
     ends = []
     for end in cable.ends:
         ends.append({"link": end.link, "at": [value * MM for value in end.at_mm]})

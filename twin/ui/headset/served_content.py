@@ -47,7 +47,7 @@ _ROBOT_FOLDER = "robots/{}/"
 _PROPS_FILE = "props.glb"
 _OBJECTS_FILE = "objects.glb"
 
-_FOLLOWS = {"protocols": [], "variants": [], "postures": [], "distances": [], "has_workspace": False}
+_NO_MOTION_ENTRIES = {"protocols": [], "variants": [], "postures": [], "distances": [], "has_workspace": False}
 """Entries of robot.json that a robot lacks if clients cannot move it alone."""
 
 Endpoint = tuple[str, int]
@@ -77,7 +77,7 @@ class ServedContent:
     @property
     def hello(self) -> JsonObject:
         """Entries of the first document `hello` for a client: name of the robot or scene, and hash of the geometry."""
-        kind = "robot" if self.live.alone else "scene"
+        kind = "robot" if self.live.is_single_robot else "scene"
         return {kind: self.name, "model_hash": self.model_hash}
 
 
@@ -98,20 +98,21 @@ def of_robot(
 
     clock = Clock()
     twin = LiveRobot(robot, source, protocol, plans, clock, machine=machine)
-    about = twin.description
-    files = server_files.robot_files(glb_bytes(robot.mechanism), about)
+    robot_document = twin.description
+    files = server_files.robot_files(glb_bytes(robot.mechanism), robot_document)
     patients = {}
     for name, patient in twin.patients.items():
         patients[name] = glb_bytes(patient.mechanism, (), patient.poses)
     files |= server_files.patient_files(patients)
-    scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
-    scene["model_hash"] = about["model_hash"]
+    robot_entry = {**robot_document, "files": "", "ports": []}
+    scene_document = _describe(robot.name, robot_document["title"], [robot_entry], feed)
+    scene_document["model_hash"] = robot_document["model_hash"]
     scenery = drawn_of_robot(robot)
-    scene |= scenery.entries
+    scene_document |= scenery.entries
     files |= scenery.files
-    files |= server_files.scene_file(scene)
+    files |= server_files.scene_file(scene_document)
     live = LiveScene([twin], clock, feed)
-    return ServedContent(live, robot.name, about["model_hash"], files, ("robot.glb",))
+    return ServedContent(live, robot.name, robot_document["model_hash"], files, ("robot.glb",))
 
 
 def of_scene(loaded: LoadedScene, plans: bool = True) -> ServedContent:
@@ -124,7 +125,7 @@ def of_scene(loaded: LoadedScene, plans: bool = True) -> ServedContent:
     for place in loaded.scene.places:
         twins.append(LiveRobot(loaded.robots[place.name], place.robot, place.protocol, plans, clock, place))
     live = LiveScene(twins, clock, loaded.feed)
-    return _placed(loaded, live, [twin.description for twin in twins])
+    return _content_of_places(loaded, live, [twin.description for twin in twins])
 
 
 def of_console(
@@ -167,12 +168,12 @@ def of_console(
     except TwinError:
         stream.close()
         raise
-    about = []
+    robot_documents = []
     for place in scene.places:
         robot = robots[place.name]
-        about.append(describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS)
+        robot_documents.append(describe(robot, MovableRobot(robot), {}, {}, place) | _NO_MOTION_ENTRIES)
     props = alignment.beside(loaded.props, goal_of(exercise.task, Alignment))
-    return _placed(LoadedScene(scene, robots, props, stream.feed), stream, about)
+    return _content_of_places(LoadedScene(scene, robots, props, stream.feed), stream, robot_documents)
 
 
 def of_mirror(mirror: Mirror) -> ServedContent:
@@ -189,68 +190,70 @@ def of_mirror(mirror: Mirror) -> ServedContent:
     for name in (mirror.name, mirror.ghost):
         folder = _ROBOT_FOLDER.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
-        about = describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS
-        files |= server_files.robot_files(glb, about, folder)
-        robots.append({**about, "files": folder, "ports": []})
+        robot_document = describe(robot, MovableRobot(robot), {}, {}, place) | _NO_MOTION_ENTRIES
+        files |= server_files.robot_files(glb, robot_document, folder)
+        robots.append({**robot_document, "files": folder, "ports": []})
         preload.append(f"{folder}robot.glb")
-    described = _describe(mirror.name, f"{robots[0]['title']}: its machine", robots, None)
-    described["machines"] = live.about_machines
-    described["model_hash"] = _hash_of(described)
-    files |= server_files.scene_file(described)
-    return ServedContent(live, mirror.name, described["model_hash"], files, tuple(preload))
+    scene_document = _describe(mirror.name, f"{robots[0]['title']}: its machine", robots, None)
+    scene_document["machines"] = live.about_machines
+    scene_document["model_hash"] = _hash_of(scene_document)
+    files |= server_files.scene_file(scene_document)
+    return ServedContent(live, mirror.name, scene_document["model_hash"], files, tuple(preload))
 
 
-def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequence[JsonObject]) -> ServedContent:
-    """Return the content for robots at their places; `about`: content of robot.json of each robot."""
+def _content_of_places(
+    loaded: LoadedScene, live: LiveScene | ConsoleStream, robot_documents: Sequence[JsonObject]
+) -> ServedContent:
+    """Return the content for robots at their places; `robot_documents`: content of robot.json of each robot."""
     from twin.exchange.formats.glb.write import glb_bytes
 
     scene = loaded.scene
     files: dict[str, File] = {}
     robots = []
     preload = []
-    for place, about_robot in zip(scene.places, about, strict=True):
+    for place, robot_document in zip(scene.places, robot_documents, strict=True):
         folder = _ROBOT_FOLDER.format(place.name)
-        files |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
-        robots.append({**about_robot, "files": folder, "ports": _ports(place)})
+        files |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), robot_document, folder)
+        robots.append({**robot_document, "files": folder, "ports": _ports(place)})
         preload.append(f"{folder}robot.glb")
-    described = _describe(scene.name, scene.title, robots, loaded.feed)
-    described["cameras"] = _cameras(scene, loaded.robots)
-    described["assumed"] = assumptions(scene.parameters)
+    scene_document = _describe(scene.name, scene.title, robots, loaded.feed)
+    scene_document["cameras"] = _cameras(scene, loaded.robots)
+    scene_document["assumed"] = assumptions(scene.parameters)
     late: dict[str, File] = {}
     if not isinstance(live, LiveScene):
         late = live.files
         goal = goal_of(live.task, Alignment)
         if goal is not None:
-            for camera in described["cameras"]:
+            for camera in scene_document["cameras"]:
                 if camera["name"] == live.table.camera:
                     camera["line"] = goal.line
-        described["console"] = live.about
+        scene_document["console"] = live.about
         machines = live.about_machines
         if machines is not None:
-            described["machines"] = machines
+            scene_document["machines"] = machines
         if live.objects:
             files |= server_files.glb_file(_OBJECTS_FILE, glb_bytes(together(live.objects, wire.OBJECTS_PREFIX)))
-            described["objects"] = {"file": _OBJECTS_FILE, "names": [item.name for item in live.objects]}
+            scene_document["objects"] = {"file": _OBJECTS_FILE, "names": [item.name for item in live.objects]}
     props = loaded.props
     if props is not None:
         glb = glb_bytes(props)
         files |= server_files.glb_file(_PROPS_FILE, glb)
         digest = hashlib.sha256(glb).hexdigest()
-        described["props"] = {"name": props.name, "file": _PROPS_FILE, "sha256": digest}
+        scene_document["props"] = {"name": props.name, "file": _PROPS_FILE, "sha256": digest}
         preload.append(_PROPS_FILE)
-    described["model_hash"] = _hash_of(described)
+    scene_document["model_hash"] = _hash_of(scene_document)
     # what is only drawn does not change the hash of the geometry
     solid = {place.name: loaded.robots[place.name] for place in scene.places if not place.name.endswith(MODEL)}
     scenery = drawn_of_scene(scene, solid, props)
-    described |= scenery.entries
+    scene_document |= scenery.entries
     files |= scenery.files
-    files |= server_files.scene_file(described)
-    return ServedContent(live, scene.name, described["model_hash"], files, tuple(preload), late)
+    files |= server_files.scene_file(scene_document)
+    return ServedContent(live, scene.name, scene_document["model_hash"], files, tuple(preload), late)
 
 
-def _hash_of(described: JsonObject) -> str:
+def _hash_of(scene_document: JsonObject) -> str:
     """Return the hash of the content of scene.json, with which a client notices another geometry."""
-    text = json.dumps(described, sort_keys=True).encode()
+    text = json.dumps(scene_document, sort_keys=True).encode()
     return "sha256:" + hashlib.sha256(text).hexdigest()
 
 

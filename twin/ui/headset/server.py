@@ -92,18 +92,18 @@ class StreamServer:
         self._tasks: set[asyncio.Future[None]] = set()
         self._frame: bytes | None = None
         self._state: JsonObject = {}
-        self._dirty = False
+        self._is_state_due = False
         self._tick = 0
-        self._at = 0.0
-        self._made_up = False
+        self._frame_tick = 0.0
+        self._has_made_up_tick = False
         now = time.monotonic()
-        self._begin = now
-        self._framed = now
-        self._took = 0.0
-        self._response: asyncio.TimerHandle | None = None
+        self._begin_time = now
+        self._frame_time = now
+        self._frame_duration = 0.0
+        self._response_timer: asyncio.TimerHandle | None = None
         self._last_number = 0
         self.source = source
-        source.send = self._tell
+        source.send = self._send_to_all
 
     # -- start and stop -------------------------------------------------------------------------------
 
@@ -111,21 +111,21 @@ class StreamServer:
         """Start listening on an address and a port; `context` enables TLS."""
         limits = WebSocketLimits(LONGEST_MESSAGE)
         self._server: Server = await listen(
-            self._serve_client, host, port, self._check, self._counter, limits, context=context
+            self._serve_client, host, port, self._check_request, self._counter, limits, context=context
         )
         first_socket = next(iter(self._server.sockets))
         self.port = int(first_socket.getsockname()[1])
 
     async def run(self) -> None:
-        """Send a frame at each tick until `stopping` is set; a single missed tick is made up for (see `_due`)."""
+        """Send a frame at each tick until `stopping` is set; one missed tick is made up for, see `_tick_to_send`."""
         begin = time.monotonic()
-        self._begin = begin
+        self._begin_time = begin
         stopped = asyncio.ensure_future(self.stopping.wait())
         try:
             while not self.stopping.is_set():
                 ticks = int((time.monotonic() - begin) * TICK_RATE)
-                self._tick = self._due(ticks)
-                self._step(begin + self._tick / TICK_RATE)
+                self._tick = self._tick_to_send(ticks)
+                self._send_tick(begin + self._tick / TICK_RATE)
                 next_tick = begin + (self._tick + 1) / TICK_RATE
                 remaining = next_tick - time.monotonic()
                 await asyncio.wait((stopped,), timeout=max(remaining, 0.0))
@@ -135,8 +135,8 @@ class StreamServer:
 
     async def close(self) -> None:
         """Close all connections (code 1001) and stop; clients that do not close in time are disconnected."""
-        if self._response is not None:
-            self._response.cancel()
+        if self._response_timer is not None:
+            self._response_timer.cancel()
         self._send_state()
         await end(self._server)
         self.source.close()
@@ -146,37 +146,37 @@ class StreamServer:
 
     # -- the stream -----------------------------------------------------------------------------------
 
-    def _due(self, now: int) -> int:
+    def _tick_to_send(self, now: int) -> int:
         """Return the tick to send at tick `now`: `now` - 1 if this is the only tick that was missed, otherwise `now`.
 
         A missed tick is not made up for twice in succession: on a slow machine, all frames would then be late.
         """
         missed_one = now - self._tick == 2
         # A message `hands` may have moved the robots beyond the missed tick already; time does not go back.
-        not_passed = self._at <= now - 1
-        self._made_up = missed_one and not_passed and not self._made_up
-        if self._made_up:
+        not_passed = self._frame_tick <= now - 1
+        self._has_made_up_tick = missed_one and not_passed and not self._has_made_up_tick
+        if self._has_made_up_tick:
             return now - 1
         return now
 
-    def _step(self, server_time: float) -> None:
-        self._advance(self._tick, server_time)
+    def _send_tick(self, server_time: float) -> None:
+        self._advance_source(self._tick, server_time)
         if self.recording is not None and self.recording.full(self._tick):
-            self._write(self.recording.finish())
+            self._write_recording(self.recording.finish())
         now = time.monotonic()
-        if self._dirty or self._tick % STATE_TICKS == 0:
+        if self._is_state_due or self._tick % STATE_TICKS == 0:
             self._release_silent(now)
             self._send_state()
         for client in list(self.clients):
             client.flush(self._frame, now)
 
-    def _advance(self, tick: float, server_time: float) -> None:
+    def _advance_source(self, tick: float, server_time: float) -> None:
         """Advance the source to a tick, possibly with a fraction; store its frame for the clients."""
         begun = time.monotonic()
-        self._at = tick
+        self._frame_tick = tick
         frame = self.source.frame(tick, server_time)
-        self._framed = time.monotonic()
-        self._took = self._framed - begun
+        self._frame_time = time.monotonic()
+        self._frame_duration = self._frame_time - begun
         if frame is None:
             return
         self._frame = frame
@@ -187,37 +187,37 @@ class StreamServer:
 
     def respond_soon(self) -> None:
         """Send a frame as soon as `SHORT_FRAME_GAP` allows: a message to another server has moved the robots."""
-        if self._response is None:
-            self._respond(time.monotonic(), SHORT_FRAME_GAP)
+        if self._response_timer is None:
+            self._respond_to_hands(time.monotonic(), SHORT_FRAME_GAP)
 
-    def _respond(self, now: float, gap: float = MIN_FRAME_GAP) -> None:
+    def _respond_to_hands(self, now: float, gap: float = MIN_FRAME_GAP) -> None:
         """Send the effect of a message `hands` as soon as `gap` allows, instead of at the next tick.
 
         The pause before a frame is as long as the computation of the last frame, but at least `gap` and at most a tick.
         Without the pause, more and more messages would wait on a slow machine, and the delay would grow without limit.
         """
-        self._response = None
-        pause = min(max(gap, self._took), 1 / TICK_RATE)
-        wait = pause - (now - self._framed)
+        self._response_timer = None
+        pause = min(max(gap, self._frame_duration), 1 / TICK_RATE)
+        wait = pause - (now - self._frame_time)
         if wait > 0:
             loop = asyncio.get_running_loop()
-            self._response = loop.call_later(wait, lambda: self._respond(time.monotonic(), gap))
+            self._response_timer = loop.call_later(wait, lambda: self._respond_to_hands(time.monotonic(), gap))
             return
-        tick = (now - self._begin) * TICK_RATE
-        self._advance(max(tick, self._tick), now)
+        tick = (now - self._begin_time) * TICK_RATE
+        self._advance_source(max(tick, self._tick), now)
         for client in list(self.clients):
             client.flush(self._frame, now)
 
     def _send_state(self) -> None:
-        self._dirty = False
+        self._is_state_due = False
         state = {**self.source.state(), "clients": len(self.clients)}
         if self.recording is not None and not self.source.replays:
             state["recording"] = self.recording.running
         if state != self._state:
             self._state = state
-            self._tell(state)
+            self._send_to_all(state)
 
-    def _tell(self, document: JsonObject) -> None:
+    def _send_to_all(self, document: JsonObject) -> None:
         """Send a document to every client."""
         if self.recording is not None:
             self.recording.add_document(self._tick, document)
@@ -234,21 +234,21 @@ class StreamServer:
         for client in self.clients:
             if now - client.heard > SILENCE_TIMEOUT and self.source.holds(client.id):
                 self.source.release(client.id)
-                self._error(client, "released", f"no message for {SILENCE_TIMEOUT:g} s: the grab was released")
+                self._send_error(client, "released", f"no message for {SILENCE_TIMEOUT:g} s: the grab was released")
 
     # -- clients --------------------------------------------------------------------------------------
 
     async def _serve_client(self, connection: Connection) -> None:
-        client = self._join(connection)
+        client = self._add_client(connection)
         try:
             async for text in connection:
-                self._hear(client, text)
+                self._receive(client, text)
         except ConnectionClosed:
             pass
         finally:
-            self._leave(client)
+            self._remove_client(client)
 
-    def _join(self, ws: Connection) -> Client:
+    def _add_client(self, ws: Connection) -> Client:
         """Return a new client for a connection; its first documents are queued."""
         assert ws.request is not None
         token = query_of(ws.request.path).get("resume", "")
@@ -266,7 +266,7 @@ class StreamServer:
         state = self._state or self.source.state()
         for document in (hello, state, *self.source.welcome()):
             client.queue(document["type"], _json_text(document))
-        self._dirty = True
+        self._is_state_due = True
         client.flush(self._frame, now)
         return client
 
@@ -290,99 +290,99 @@ class StreamServer:
             del self._identifiers[oldest]
         return token
 
-    def _leave(self, client: Client) -> None:
+    def _remove_client(self, client: Client) -> None:
         if client in self.clients:
             self.clients.remove(client)
             if self.source.holds(client.id):
                 self._disconnected[client.id] = time.monotonic()
-            self._dirty = True
+            self._is_state_due = True
 
-    def _hear(self, client: Client, text: str | bytes) -> None:
+    def _receive(self, client: Client, text: str | bytes) -> None:
         """Handle a message of a client."""
         now = time.monotonic()
         if not client.messages.take(now):
             if now - client.told_rate > 1.0:
                 client.told_rate = now
                 most = MESSAGE_LIMIT[0]
-                self._error(client, "rate", f"more than {most:g} messages per second: some were dropped")
+                self._send_error(client, "rate", f"more than {most:g} messages per second: some were dropped")
             return
         try:
             message = parse_message(text)
         except RefusedError as error:
-            self._error(client, error.code, str(error), error.id)
+            self._send_error(client, error.code, str(error), error.id)
             if not client.garbage.take(now):
-                self._end(client, 1008, "too many malformed messages")
+                self._close_connection(client, 1008, "too many malformed messages")
             return
         client.heard = now
         if isinstance(message, PingMessage):
             pong = {"type": "pong", "t": message.t, "server_time": time.monotonic(), "id": message.id}
-            self._answer(client, pong)
+            self._send_to(client, pong)
             return
-        self._handle(client, message, now)
+        self._handle_request(client, message, now)
 
-    def _handle(self, client: Client, message: ClientMessage, now: float) -> None:
+    def _handle_request(self, client: Client, message: ClientMessage, now: float) -> None:
         """Handle a valid request of a client at the time `now` in s."""
         if self.recording is not None:
             self.recording.add_request(self._tick, client.id, message)
         was_holding = self.source.holds(client.id)
         try:
             if isinstance(message, RecordMessage):
-                self._record(message.on)
+                self._switch_recording(message.on)
             else:
                 self.source.ask(client.id, message)
         except RefusedError as error:
-            self._error(client, error.code, str(error), message.id)
+            self._send_error(client, error.code, str(error), message.id)
             return
-        if isinstance(message, HandsMessage) and self._response is None:
-            self._respond(now)
+        if isinstance(message, HandsMessage) and self._response_timer is None:
+            self._respond_to_hands(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
         is_repeated = isinstance(message, DragMessage) or (was_holding and isinstance(message, HandsMessage))
         if not is_repeated:
-            self._dirty = True
+            self._is_state_due = True
         if message.id is not None:
-            self._answer(client, {"type": "ack", "id": message.id})
+            self._send_to(client, {"type": "ack", "id": message.id})
 
-    def _record(self, on: bool) -> None:
+    def _switch_recording(self, on: bool) -> None:
         if self.recording is None:
             raise RefusedError("refused", "nothing can be recorded: start the server with --record FILE")
         if on:
             self.recording.check_room()
         self._send_state()
-        self._write(self.recording.finish())
+        self._write_recording(self.recording.finish())
         if on:
             self.recording.begin(self._tick)
             for document in (self.source.state(), *self.source.welcome()):
                 self.recording.add_document(self._tick, document)
 
-    def _write(self, write: Callable[[], None]) -> None:
+    def _write_recording(self, write: Callable[[], None]) -> None:
         """Write a recording in a thread; on failure notify all clients."""
 
         async def work() -> None:
             try:
                 await asyncio.to_thread(write)
             except TwinError as error:
-                self._tell({"type": "error", "code": "failed", "message": str(error)[:500]})
+                self._send_to_all({"type": "error", "code": "failed", "message": str(error)[:500]})
 
-        self._keep(asyncio.ensure_future(work()))
+        self._keep_task(asyncio.ensure_future(work()))
 
-    def _keep(self, task: asyncio.Future[None]) -> None:
+    def _keep_task(self, task: asyncio.Future[None]) -> None:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    def _answer(self, client: Client, document: JsonObject) -> None:
+    def _send_to(self, client: Client, document: JsonObject) -> None:
         content = {name: value for name, value in document.items() if value is not None}
         client.queue(document["type"], to_json(content).decode())
         client.flush(self._frame, time.monotonic())
 
-    def _error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:
-        self._answer(client, {"type": "error", "code": code, "message": text, "id": id})
+    def _send_error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:
+        self._send_to(client, {"type": "error", "code": code, "message": text, "id": id})
 
-    def _end(self, client: Client, code: int, reason: str) -> None:
-        self._keep(asyncio.ensure_future(client.ws.close(code, reason)))
+    def _close_connection(self, client: Client, code: int, reason: str) -> None:
+        self._keep_task(asyncio.ensure_future(client.ws.close(code, reason)))
 
     # -- requests -------------------------------------------------------------------------------------
 
-    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _check_request(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the response to a request for a file, or None to accept a WebSocket."""
         checked = check_request(self.rules, connection, request)
         if isinstance(checked, Response):

@@ -21,7 +21,7 @@ class SolverThread:
 
     def __init__(self, broken: Callable[[Exception], object]) -> None:
         """Start the thread; `broken` is called in the event loop with an unexpected exception of a job."""
-        self._broken = broken
+        self._job_failed = broken
         # A job returns the function that the event loop calls then.
         self._jobs: dict[str, Callable[[], Callable[[], object]]] = {}
         self._condition = threading.Condition()
@@ -72,7 +72,7 @@ class SolverThread:
                 report = solve()
             except Exception as error:  # a failing job must not end the thread
                 logging.getLogger(__name__).exception("a job failed")
-                report = partial(self._broken, error)
+                report = partial(self._job_failed, error)
             with self._condition:
                 if self._ended:
                     return

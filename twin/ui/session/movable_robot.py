@@ -39,7 +39,7 @@ START_POSTURE = "start"
 MAX_UNDOS = 50
 """Maximum number of moves that can be undone."""
 
-_HALVINGS = 10
+_BISECTIONS = 10
 """Number of halvings in the search for the last reachable pose on the way to a target: 1024 parts of the way."""
 
 _LIMIT_ROUNDING = 1e-9
@@ -102,20 +102,20 @@ class MovableRobot:
         self.robot = robot
         self.mechanism: Mechanism = robot.mechanism
         self.model: ReferenceModel = robot.reference()
-        self.solver = _solver(robot, self.model)
-        self.kin: Kinematics | None = _equations(robot)
+        self.solver = _drag_solver(robot, self.model)
+        self.kin: Kinematics | None = _unchanged_equations(robot)
         self.parameters: dict[str, float] = {}
         self.variants: dict[str, str] = {}
         self.lock = threading.RLock()
-        self.assembly: Assembly = _first(robot, self.model)
+        self.assembly: Assembly = _opening_state(robot, self.model)
         self.requested_pose: Array | None = None
         self.last_move = MoveResult(True)
-        self._kept: dict[str, Array] = {}
-        self._before: list[Array] = []  # joint values stored by `remember`, the newest last
+        self._kept_states: dict[str, Array] = {}
+        self._undo_states: list[Array] = []  # joint values stored by `remember`, the newest last
         if start_of(robot):
             self.keep(START_POSTURE)
-        self._frame = self.mechanism.tool
-        self._axis = np.array([0.0, 0.0, 1.0])
+        self._tip_frame = self.mechanism.tool
+        self._shaft_axis = np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
             self.use_tool_frame_of(robot.protocol())
 
@@ -124,19 +124,19 @@ class MovableRobot:
 
         The last used protocol defines tip and shaft; without a protocol, they are the tool's origin and z axis.
         """
-        frame = self.mechanism.frame(self._frame)
+        frame = self.mechanism.frame(self._tip_frame)
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
-        return T[:3, 3], T[:3, :3] @ self._axis
+        return T[:3, 3], T[:3, :3] @ self._shaft_axis
 
     @property
     def tip_body(self) -> str:
         """Name of the body to which the tip belongs; see `shaft`."""
-        return self.mechanism.frame(self._frame).body
+        return self.mechanism.frame(self._tip_frame).body
 
     def use_tool_frame_of(self, protocol: Protocol) -> None:
         """Use the tip frame and the shaft axis of a protocol from now on."""
-        self._frame = protocol.frame
-        self._axis = protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
+        self._tip_frame = protocol.frame
+        self._shaft_axis = protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
 
     def camera(self) -> tuple[Array, Array, Array]:
         """Return (position, point ahead, point above) of an endoscope camera, each (3,) in m in the base frame.
@@ -144,7 +144,7 @@ class MovableRobot:
         The camera is at the origin of the frame `endoscope_tip`, looks along the z axis of this frame, and its upward
         direction is -y. Without this frame, the camera is at the tip of the shaft.
         """
-        frame = self.mechanism.frame(self._frame)
+        frame = self.mechanism.frame(self._tip_frame)
         for candidate in self.mechanism.frames:
             if candidate.name == ENDOSCOPE_FRAME:
                 frame = candidate
@@ -154,7 +154,7 @@ class MovableRobot:
         if frame.name == ENDOSCOPE_FRAME:
             ahead = T[:3, 2]
         else:
-            ahead = T[:3, :3] @ self._axis
+            ahead = T[:3, :3] @ self._shaft_axis
         # an upward direction that is almost along the view would leave the roll of the picture undefined
         if abs(ahead @ T[:3, 1]) < _STEEP_COSINE:
             above = -T[:3, 1]
@@ -179,11 +179,11 @@ class MovableRobot:
         def go() -> Assembly:
             q = self._joints_of(T_base_tool)
             if q is not None:
-                return self._assembled(q)
+                return self._checked_assembly(q)
             return self.model.solve_pose(T_base_tool, self.assembly)
 
         with self.lock:
-            result = self._try(go, T_base_tool)
+            result = self._apply_move(go, T_base_tool)
             if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, _POSE_TOLERANCE):
                 return result
             # The orientation is not reached, so `requested_pose` must not be set: it is used in comparisons.
@@ -225,7 +225,7 @@ class MovableRobot:
         reached = 0.0
         step = 1.0
         # bisection: a step that fails is tried again with half its length
-        for _ in range(_HALVINGS):
+        for _ in range(_BISECTIONS):
             fraction = reached + step
             R = T_begin[:3, :3] @ spatial.exp_so3(fraction * w)
             p = T_begin[:3, 3] + fraction * displacement
@@ -247,7 +247,7 @@ class MovableRobot:
                 drags.append(dragged)
                 return assembly
 
-            result = self._try(go)
+            result = self._apply_move(go)
             if not result.good:
                 return result
             if drags[0].more:
@@ -259,7 +259,7 @@ class MovableRobot:
 
     def move_joints(self, q: Array) -> MoveResult:
         """Move all active joints to values (n,) in m or rad."""
-        return self._try(lambda: self._assembled(np.asarray(q, float)))
+        return self._apply_move(lambda: self._checked_assembly(np.asarray(q, float)))
 
     def move_point(self, body: str, p_body: Array, target: Array) -> MoveResult:
         """Move the point `p_body` of a body towards `target`, in the same assembly mode.
@@ -275,7 +275,7 @@ class MovableRobot:
             return assembly
 
         with self.lock:
-            result = self._try(go)
+            result = self._apply_move(go)
             if not result.good:
                 return result
             position = (self.assembly.link_poses[body] @ np.append(p_body, 1.0))[:3]
@@ -304,27 +304,27 @@ class MovableRobot:
         Raises:
             TwinError: there is no posture or state of this name.
         """
-        if posture in self._kept:
-            return self.move_joints(self._kept[posture])
+        if posture in self._kept_states:
+            return self.move_joints(self._kept_states[posture])
         if posture not in self.mechanism.postures:
             raise TwinError(f"{self.robot.name}: {unknown('posture', posture, self.postures)}")
-        return self._try(lambda: self.model.solve(self.mechanism.posture(posture)))
+        return self._apply_move(lambda: self.model.solve(self.mechanism.posture(posture)))
 
     def remember(self) -> None:
         """Store the present joint values, so that `undo` can return to them."""
         with self.lock:
-            newest = self._before[1 - MAX_UNDOS :]
-            self._before = [*newest, self.assembly.q.copy()]
+            newest = self._undo_states[1 - MAX_UNDOS :]
+            self._undo_states = [*newest, self.assembly.q.copy()]
 
     def undo(self) -> MoveResult:
         """Move back to the joint values that `remember` stored last, and that differ from the present ones."""
         with self.lock:
-            while self._before and self._is_at(self._before[-1]):
-                self._before.pop()
-            if not self._before:
+            while self._undo_states and self._is_at(self._undo_states[-1]):
+                self._undo_states.pop()
+            if not self._undo_states:
                 self.last_move = MoveResult(False, "nothing to undo: no drag has moved the robot")
                 return self.last_move
-            return self.move_joints(self._before.pop())
+            return self.move_joints(self._undo_states.pop())
 
     def _is_at(self, q: Array) -> bool:
         """Return whether the active joints have the values q (n,)."""
@@ -332,7 +332,7 @@ class MovableRobot:
 
     def keep(self, name: str) -> None:
         """Store the present joint values under a name, so that `go_to_posture` can move there."""
-        self._kept[name] = self.assembly.q.copy()
+        self._kept_states[name] = self.assembly.q.copy()
 
     def show(self, assembly: Assembly, requested_pose: Array | None = None) -> None:
         """Set the state to an assembly of the same model, such as a protocol's sample; its tool pose was requested."""
@@ -361,7 +361,7 @@ class MovableRobot:
     def postures(self) -> tuple[str, ...]:
         """Names that `go_to_posture` accepts: the robot's postures, then the states stored by `keep`."""
         names = list(self.mechanism.postures)
-        for name in self._kept:
+        for name in self._kept_states:
             if name not in self.mechanism.postures:
                 names.append(name)
         return tuple(names)
@@ -383,9 +383,9 @@ class MovableRobot:
                 model = robot.reference()
             else:
                 model = ReferenceModel(self.mechanism.with_trocars(robot.trocars))
-            kin = self._compiled(robot)
-            assembly = _first(robot, model)
-            solver = _solver(robot, model)
+            kin = self._compiled_equations(robot)
+            assembly = _opening_state(robot, model)
+            solver = _drag_solver(robot, model)
             # nothing is replaced before all of the new robot exists
             self.robot = robot
             self.mechanism = model.mechanism
@@ -404,10 +404,10 @@ class MovableRobot:
             published = self.robot.kinematics()
             old_variants = self.variants
             old_parameters = self.parameters
-            self.variants = _changes({**self.variants, **(variants or {})}, published.variants)
-            self.parameters = _changes({**self.parameters, **(parameters or {})}, published.parameters)
+            self.variants = _changed_values({**self.variants, **(variants or {})}, published.variants)
+            self.parameters = _changed_values({**self.parameters, **(parameters or {})}, published.parameters)
             try:
-                self.kin = self._compiled(self.robot)
+                self.kin = self._compiled_equations(self.robot)
             except TwinError:
                 self.variants = old_variants
                 self.parameters = old_parameters
@@ -433,15 +433,15 @@ class MovableRobot:
         with self.lock:
             model = ReferenceModel(mechanism)
             assembly = model.solve(self.assembly.q)
-            solver = _solver(self.robot, model)
+            solver = _drag_solver(self.robot, model)
             self.mechanism = mechanism
             self.model = model
             self.assembly = assembly
             self.solver = solver
 
-    def _compiled(self, robot: Robot) -> Kinematics | None:
+    def _compiled_equations(self, robot: Robot) -> Kinematics | None:
         """Return the equations of a robot with the chosen variants and parameters; None if it has no equations."""
-        if _equations(robot) is None:
+        if _unchanged_equations(robot) is None:
             return None
         if not self.variants and not self.parameters:
             return robot.kinematics()
@@ -458,7 +458,7 @@ class MovableRobot:
             return solve(self.kin, Pose(T), self.assembly.q, limits, starts=1, any_branch=True).q
         return self.kin.inverse(T, self.assembly.q)
 
-    def _assembled(self, q: Array) -> Assembly:
+    def _checked_assembly(self, q: Array) -> Assembly:
         """Return the state at q (n,) in m or rad.
 
         Raises:
@@ -468,8 +468,8 @@ class MovableRobot:
         self._check_limits(q)
         assembly = self.model.solve(q, self.assembly)
         for joint in self.mechanism.limited:
-            old_excess = _excess(joint, self.assembly)
-            excess = _excess(joint, assembly)
+            old_excess = _limit_excess(joint, self.assembly)
+            excess = _limit_excess(joint, assembly)
             # a robot that is beyond a limit already may move, but not farther beyond it
             if excess > max(0.0, old_excess) + _LIMIT_ROUNDING:
                 limits = reasons.limit_range(joint)
@@ -505,7 +505,7 @@ class MovableRobot:
         """Return why active joint `number` did not reach a value in m or rad."""
         return reasons.of_joint(self.mechanism, self.solver.bounds, self.assembly.q, number, value, dragged)
 
-    def _try(self, go: Callable[[], Assembly], requested_pose: Array | None = None) -> MoveResult:
+    def _apply_move(self, go: Callable[[], Assembly], requested_pose: Array | None = None) -> MoveResult:
         with self.lock:
             start = time.perf_counter()
             try:
@@ -521,7 +521,7 @@ class MovableRobot:
             return self.last_move
 
 
-def _first(robot: Robot, model: ReferenceModel) -> Assembly:
+def _opening_state(robot: Robot, model: ReferenceModel) -> Assembly:
     """Return the state at which the pages open: `start` of the description, else the posture home."""
     values = start_of(robot)
     if values:
@@ -539,17 +539,17 @@ def start_of(robot: Robot) -> dict[str, float]:
     return joint_values(robot.source.description.start)
 
 
-def _solver(robot: Robot, model: ReferenceModel) -> DragSolver:
+def _drag_solver(robot: Robot, model: ReferenceModel) -> DragSolver:
     return DragSolver(model.mechanism, model, robot.gaps)
 
 
-def _equations(robot: Robot) -> Kinematics | None:
+def _unchanged_equations(robot: Robot) -> Kinematics | None:
     if robot.files is None or not robot.files.has_equations:
         return None
     return robot.kinematics()
 
 
-def _changes(values: Mapping[str, _Value], published: Mapping[str, _Value]) -> dict[str, _Value]:
+def _changed_values(values: Mapping[str, _Value], published: Mapping[str, _Value]) -> dict[str, _Value]:
     """Return the values that differ from the published ones."""
     changes = {}
     for name, value in values.items():
@@ -558,6 +558,6 @@ def _changes(values: Mapping[str, _Value], published: Mapping[str, _Value]) -> d
     return changes
 
 
-def _excess(joint: Joint, assembly: Assembly) -> float:
+def _limit_excess(joint: Joint, assembly: Assembly) -> float:
     """Return by how much a passive joint is beyond its limits, in rad or m; negative within the limits."""
     return float(joint.beyond(assembly.link_poses[joint.parent], assembly.link_poses[joint.child]))

@@ -162,7 +162,7 @@ def work(job: TargetCheck | PlanJob) -> Iterator[JobResult]:
         TwinError: a file is malformed, or there is no plan; the message has the reason.
     """
     if isinstance(job, PlanJob):
-        yield from _with_progress(job)
+        yield from _plan_with_progress(job)
         return
     arm = _arm_of(job.room)
     if job.q is not None:
@@ -171,7 +171,7 @@ def work(job: TargetCheck | PlanJob) -> Iterator[JobResult]:
         arm.space.load()
 
 
-def _with_progress(job: PlanJob) -> Iterator[JobResult]:
+def _plan_with_progress(job: PlanJob) -> Iterator[JobResult]:
     """Yield the results of a plan, made in a thread, and each `_PROGRESS_PERIOD` without one the completed fraction."""
     # results of the plan, then None, or the error that ended it
     results: queue.SimpleQueue[PlanResult | BaseException | None] = queue.SimpleQueue()
@@ -243,11 +243,11 @@ def plan(
     except NoPathError as error:
         remedy = "end the planning mode and move the arm" if error.at_start else "move the target"
         raise TwinError(f"{error.reason}; {remedy}, or another arm that is in the way") from None
-    s = _timed(path, arm, job)
+    s = _time_parameters(path, arm, job)
     q = path(s)
     times: Array = np.arange(len(s), dtype=np.float64) * DT
-    names, link_poses = _shown_links(arm, q)
-    yield PlannedMotion(arm.kin.forward_many(q), link_poses, names, _tips(arm, trees))
+    names, link_poses = _preview_poses(arm, q)
+    yield PlannedMotion(arm.kin.forward_many(q), link_poses, names, _tree_tips(arm, trees))
     for part in np.array_split(spread(len(s), _CLEARANCE_POINTS), _CLEARANCE_POINTS // _POINTS_PER_PIECE):
         check()
         distances = np.zeros(len(part))
@@ -258,7 +258,7 @@ def plan(
     yield Proven(certificate.proven, certificate.found, certificate.bodies)
 
 
-def _shown_links(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
+def _preview_poses(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
     """Return (names of the links, their poses (m, links, 4, 4) in the base frame) at each `PREVIEW_PERIOD` of q (k, n).
 
     The last pose is that of the end of the motion.
@@ -274,7 +274,7 @@ def _shown_links(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
     return names, np.array(poses)
 
 
-def _tips(arm: _Arm, trees: Sequence[SearchTree]) -> Array:
+def _tree_tips(arm: _Arm, trees: Sequence[SearchTree]) -> Array:
     """Return the tip positions (edges, 2, 3) at both ends of each edge of the last tree, in m in the base frame."""
     if not trees or not len(trees[-1].branches):
         return np.zeros((0, 2, 3))
@@ -283,7 +283,7 @@ def _tips(arm: _Arm, trees: Sequence[SearchTree]) -> Array:
     return tips[tree.branches]
 
 
-def _timed(path: Path, arm: _Arm, job: PlanJob) -> Array:
+def _time_parameters(path: Path, arm: _Arm, job: PlanJob) -> Array:
     """Return path parameters s (k,), one every `DT` s, of the fastest motion within the limits of joints and tool."""
     from twin.planning.timing import time_path
 
@@ -310,21 +310,21 @@ class _Arm:
     acceleration: Array
 
 
-_arms: dict[str, tuple[int, _Arm]] = {}
+_arm_cache: dict[str, tuple[int, _Arm]] = {}
 
 
 def _arm_of(room: Room) -> _Arm:
     """Return the arm of a room, from a cache that stores the last arm of each robot."""
-    if room.robot in _arms:
-        number, arm = _arms[room.robot]
+    if room.robot in _arm_cache:
+        number, arm = _arm_cache[room.robot]
         if number == room.number:
             return arm
-    arm = _make(room)
-    _arms[room.robot] = (room.number, arm)
+    arm = _load_arm(room)
+    _arm_cache[room.robot] = (room.number, arm)
     return arm
 
 
-def _make(room: Room) -> _Arm:
+def _load_arm(room: Room) -> _Arm:
     """Load the arm of a room, with the bodies around it as obstacles.
 
     Raises:
@@ -335,15 +335,15 @@ def _make(room: Room) -> _Arm:
     from twin.reference import ReferenceModel
     from twin.reference.joint_space import JointSpace
 
-    scene = _scene(room.scene)
+    scene = _load_scene(room.scene)
     robots = {place.name: place.robot for place in scene.places}
     if room.robot not in robots:
         raise TwinError(f"scene '{scene.name}' has no robot '{room.robot}'")
-    robot = _load(robots[room.robot])
+    robot = _load_robot(robots[room.robot])
     space = JointSpace(
         lambda: ReferenceModel(robot.mechanism),
         max(scene.clearance, _MIN_CLEARANCE),
-        around=lambda: obstacles_in_base(room.scene, room.robot, _load, room.poses),
+        around=lambda: obstacles_in_base(room.scene, room.robot, _load_robot, room.poses),
     )
     active = robot.mechanism.active
     speed = np.zeros(len(active))
@@ -356,14 +356,14 @@ def _make(room: Room) -> _Arm:
 
 
 @cache
-def _load(robot: str) -> Robot:
+def _load_robot(robot: str) -> Robot:
     from twin.api import load
 
     return load(robot)
 
 
 @cache
-def _scene(file: str) -> Scene:
+def _load_scene(file: str) -> Scene:
     from twin.core import assets
     from twin.model.scene import load_scene
 

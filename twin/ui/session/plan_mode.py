@@ -76,7 +76,7 @@ _REST_TIME = 0.15
 
 
 @dataclass
-class _Ahead:
+class _EarlySearch:
     """A search that began before the user requested a plan.
 
     Attributes:
@@ -122,13 +122,13 @@ class PlanMode:
         self._scene = scene
         self._members = members
         self._world = world
-        self._table = scene.console
+        self._console_scene = scene.console
         self._machines: set[str] = set()
         if scene.trainer is not None:
             self._machines.update(scene.trainer.robots)
         self._stream: Stream[JobResult] = Stream(work, nice=0)  # the user waits for it
         arms = {}
-        for name in (*self._table.right, *self._table.left):
+        for name in (*self._console_scene.right, *self._console_scene.left):
             arms[name] = PlannedArm(members[name].kin, name in self._machines)
         self.plans = Plans(PEDALS, arms)
         self._numbers = itertools.count(1)
@@ -136,9 +136,9 @@ class PlanMode:
         self._q_others: dict[str, Array] = {}
         self.changes = 0
         self._message_time = 0.0
-        self._clear()
+        self._reset_state()
 
-    def _clear(self) -> None:
+    def _reset_state(self) -> None:
         self.phase: PlanPhase = "off"
         self.hand = ""
         self.robot = ""
@@ -152,10 +152,10 @@ class PlanMode:
         self._q = np.zeros(0)  # joint values of the target
         self._start = np.zeros(0)  # joint values at the start of the plan
         self._target = np.zeros(0)  # pose of the target; empty before the first
-        self._checks = False
-        self._tested: Array | None = None
-        self._ahead: _Ahead | None = None
-        self._error: tuple[Array, str] | None = None  # pose of the target, and message
+        self._is_testing = False
+        self._tested_q: Array | None = None
+        self._early_search: _EarlySearch | None = None
+        self._target_error: tuple[Array, str] | None = None  # pose of the target, and message
         self._rest_began = 0.0
         self.changes += 1
 
@@ -169,7 +169,7 @@ class PlanMode:
         """
         if self.phase == "run" or robot != self.robot:
             self.require_off()
-        if robot in self._table.through:
+        if robot in self._console_scene.through:
             raise TwinError(
                 f"{robot} is kept in its port by software, which the planner does not model: move it directly with the "
                 "hands of the console"
@@ -181,30 +181,30 @@ class PlanMode:
                 name = phase.name.lower()
                 raise TwinError(f"the trainer of {robot} is in '{name}': choose Engage or Rehearse, then plan")
         self._stream.cancel()
-        self._checks = False
-        self._ahead = None
+        self._is_testing = False
+        self._early_search = None
         if self.phase == "off":
-            self._clear()
+            self._reset_state()
             self.hand = hand
             self.robot = robot
             self._q = self._q_of(robot)
-            self.ghost = self._links(self._q)
+            self.ghost = self._link_poses_at(self._q)
         self.phase = "aim"
         self.preview = None
         self.message = ""
         self.is_error = False
-        self._tested = None
-        self._error = None
+        self._tested_q = None
+        self._target_error = None
         self.plans.aim(robot)
-        self._enter()
-        self._load()
+        self._note_surroundings()
+        self._load_geometry()
         self.changes += 1
 
-    def _load(self) -> None:
+    def _load_geometry(self) -> None:
         """Begin to load the geometry, if it is not loaded."""
         if not self.ready:
             self._stream.start(TargetCheck(self._require_room()))
-            self._checks = True
+            self._is_testing = True
 
     def find(self) -> None:
         """Plan a motion from the arm to the target.
@@ -217,26 +217,26 @@ class PlanMode:
         start = self._q_of(self.robot)
         if np.abs(self._q - start).max() < _TARGET_TOLERANCE:
             raise TwinError(f"the target is where {self.robot} is: move the target away first")
-        self._enter()
-        ahead = self._ahead
-        self._ahead = None
-        self._error = None
+        self._note_surroundings()
+        ahead = self._early_search
+        self._early_search = None
+        self._target_error = None
         self._start = start
         self.phase = "plan"
         self.completed = 0.0
         self.message = ""
         self.is_error = False
         self.plans.hold()
-        self._checks = False
+        self._is_testing = False
         self.changes += 1
-        if ahead is None or not self._serves(ahead.job, start):
-            self._stream.start(self._plan(start))
+        if ahead is None or not self._is_usable(ahead.job, start):
+            self._stream.start(self._plan_job(start))
             return
         self._start = ahead.job.start
         for piece in ahead.pieces:
-            self._take(piece)
+            self._use_result(piece)
         if ahead.end is not None:
-            self._ended(ahead.end)
+            self._end_job(ahead.end)
 
     def accept(self) -> None:
         """Let the arm make the planned motion.
@@ -274,13 +274,13 @@ class PlanMode:
         moves = self.phase == "run"
         self.reset(why)
         if moves or why:
-            self._tell(why or "Cancelled: the arm stays where it is.", bool(why))
+            self._set_end_message(why or "Cancelled: the arm stays where it is.", bool(why))
 
     def reset(self, why: str = "") -> None:
         """End planning mode, and delete the message about the last motion; called when a World ends or begins."""
         self._stream.cancel()
         self.plans.stop(why)
-        self._clear()
+        self._reset_state()
 
     def require_off(self) -> None:
         """Check that no motion is planned or made.
@@ -307,24 +307,24 @@ class PlanMode:
         if self.phase == "off":
             return
         pieces, end = self._stream.poll()
-        if self._ahead is not None:
-            self._ahead.pieces += pieces
+        if self._early_search is not None:
+            self._early_search.pieces += pieces
             if end is not None:
-                self._ahead.end = end
+                self._early_search.end = end
         else:
             for piece in pieces:
-                self._take(piece)
+                self._use_result(piece)
             if end is not None:
-                self._ended(end)
+                self._end_job(end)
         if self.phase == "aim":
             if arm != self.robot:
                 self.cancel(f"The clutch has chosen {arm}: planning of {self.robot} was cancelled.")
             else:
-                self._follow()
+                self._follow_target()
         elif self.phase == "run":
-            self._watch()
+            self._follow_motion()
 
-    def _take(self, piece: JobResult) -> None:
+    def _use_result(self, piece: JobResult) -> None:
         if isinstance(piece, float):
             self.completed = piece
         elif isinstance(piece, CheckedTarget):
@@ -341,9 +341,9 @@ class PlanMode:
             self.preview.proven = piece
             self.changes += 1
 
-    def _ended(self, error: str) -> None:
+    def _end_job(self, error: str) -> None:
         """Handle the end of a job; `error` is "" after success."""
-        self._checks = False
+        self._is_testing = False
         if not error:
             self.ready = True
             return
@@ -352,64 +352,64 @@ class PlanMode:
         was_planning = self.phase == "plan"
         if was_planning:
             self.message = f"No plan: {error}"
-        self._error = (self._target, self.message)
+        self._target_error = (self._target, self.message)
         if was_planning:
             self.phase = "aim"
-            self._tested = self._q
+            self._tested_q = self._q
             self.plans.aim(self.robot)
-            self._load()
+            self._load_geometry()
             self.changes += 1
 
-    def _follow(self) -> None:
+    def _follow_target(self) -> None:
         """Move the ghost to the target. Test a new target; if the target is at rest and free, begin the search."""
         target = self._world().signals[ROBOT_TARGET.of(self.robot)][1:].reshape(4, 4)
-        if self.plans.state != OFF and not _near(target, self._target, *_UNSEEN_MOTION):
+        if self.plans.state != OFF and not _are_near(target, self._target, *_UNSEEN_MOTION):
             self._move_ghost(target)
-        if not self.ready or self._checks:
+        if not self.ready or self._is_testing:
             return
         world_time = self._world().t
-        if self._tested is None or not np.array_equal(self._tested, self._q):
-            self._tested = self._q
-            self._checks = True
+        if self._tested_q is None or not np.array_equal(self._tested_q, self._q):
+            self._tested_q = self._q
+            self._is_testing = True
             self._rest_began = world_time
-            self._ahead = None
+            self._early_search = None
             self._stream.start(TargetCheck(self._require_room(), self._q))
             return
-        if self._ahead is not None or self._error is not None or self.blocked:
+        if self._early_search is not None or self._target_error is not None or self.blocked:
             return
         if world_time - self._rest_began > _REST_TIME:
             start = self._q_of(self.robot)
             if np.abs(self._q - start).max() >= _TARGET_TOLERANCE:
-                self._ahead = _Ahead(self._plan(start))
-                self._stream.start(self._ahead.job)
+                self._early_search = _EarlySearch(self._plan_job(start))
+                self._stream.start(self._early_search.job)
 
     def _move_ghost(self, target: Array) -> None:
         """Move the ghost to a new pose (4, 4) of the target, and set the message about this pose."""
         is_first = not len(self._target)
         self._target = target
-        why = self._reach(self._members[self.robot], target)
-        if self._error is not None and not _near(target, self._error[0], *_ERROR_CLEARING_MOTION):
-            self._error = None
-        if self._error is not None and not why:
-            self.message = self._error[1]
+        why = self._solve_target(self._members[self.robot], target)
+        if self._target_error is not None and not _are_near(target, self._target_error[0], *_ERROR_CLEARING_MOTION):
+            self._target_error = None
+        if self._target_error is not None and not why:
+            self.message = self._target_error[1]
             self.is_error = True
         elif not is_first:
             self.message = why
             self.is_error = False
         self.changes += 1
 
-    def _serves(self, job: PlanJob, start: Array) -> bool:
+    def _is_usable(self, job: PlanJob, start: Array) -> bool:
         """Return whether a job plans from start (n,) to the present target, in the present surroundings of the arm."""
         if job.room is not self._room or not np.array_equal(job.goal, self._q):
             return False
         return bool(np.abs(job.start - start).max() <= _MOVED_TOLERANCE)
 
-    def _plan(self, start: Array) -> PlanJob:
+    def _plan_job(self, start: Array) -> PlanJob:
         """Return the job that plans a motion from start (n,) to the target."""
-        speed, turn = self._limits()
+        speed, turn = self._tool_speed_limits()
         return PlanJob(self._require_room(), start, self._q, speed, turn)
 
-    def _reach(self, member: Member, T: Array) -> str:
+    def _solve_target(self, member: Member, T: Array) -> str:
         """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, "" if it is possible."""
         kin = member.kin
         last = self._q
@@ -426,32 +426,32 @@ class PlanMode:
                     sign, unit = display_unit(joint.is_angle)
                     limits = f"{low / unit:.4g} to {high / unit:.4g} {sign}"
                     return f"The target needs {joint.name} = {value / unit:.4g} {sign} (limits {limits}){stays}"
-            self.ghost = self._links(q)
+            self.ghost = self._link_poses_at(q)
         except TwinError as error:  # out of reach, or the loops cannot be closed
             return f"{error}{stays}"
         self._q = q
         return ""
 
-    def _links(self, q: Array) -> Mapping[str, Array]:
+    def _link_poses_at(self, q: Array) -> Mapping[str, Array]:
         links = self._members[self.robot].links
         assert links is not None, "a console has the link poses of its robots"
         return links(q)
 
-    def _watch(self) -> None:
+    def _follow_motion(self) -> None:
         """Update the completed fraction of the motion, and end planning mode at the end of the motion."""
         self.completed = self.plans.fraction
         if self.plans.state != OFF:
             return
         robot = self.robot
         self._stream.cancel()
-        self._clear()
+        self._reset_state()
         if self.plans.arrived:
             deviation = self.plans.off / MM
-            self._tell(f"{robot} has arrived; its tip was at most {deviation:.2f} mm from its path.", False)
+            self._set_end_message(f"{robot} has arrived; its tip was at most {deviation:.2f} mm from its path.", False)
         else:
-            self._tell(self.plans.why, True)
+            self._set_end_message(self.plans.why, True)
 
-    def _tell(self, text: str, is_error: bool) -> None:
+    def _set_end_message(self, text: str, is_error: bool) -> None:
         """Set the message on how planning mode has ended."""
         self.message = text
         self.is_error = is_error
@@ -467,7 +467,7 @@ class PlanMode:
             return signals[encoder]
         return signals[ROBOT_Q.of(robot)]
 
-    def _enter(self) -> None:
+    def _note_surroundings(self) -> None:
         """Store the joints of the other robots; if a robot has moved since the last plan, load the geometry again."""
         signals = self._world().signals
         q_others = {}
@@ -496,7 +496,7 @@ class PlanMode:
         assert self._room is not None
         return self._room
 
-    def _limits(self) -> tuple[float, float]:
+    def _tool_speed_limits(self) -> tuple[float, float]:
         """Return the largest speeds of the tool in a planned motion, in m/s and rad/s."""
         trainer = self._scene.trainer
         if trainer is None or self.robot not in self._machines:
@@ -523,7 +523,7 @@ class PlanMode:
         }
 
 
-def _near(T: Array, T_other: Array, length: float, angle: float) -> bool:
+def _are_near(T: Array, T_other: Array, length: float, angle: float) -> bool:
     """Return whether two poses (4, 4) are within a distance in m and an angle in rad; False if `T_other` is empty."""
     if not len(T_other):
         return False

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from html import escape
-from typing import Protocol
 
 import numpy as np
 import viser
@@ -32,12 +31,6 @@ _REDRAW_PERIOD = 0.5
 """Time in s between two updates of a workspace that is being computed."""
 
 
-class ProgressBar(Protocol):
-    """Interface of a progress bar of viser, which does not export the class; `value` is in percent."""
-
-    value: float
-
-
 class DesignPanel:
     """Panel for changes of equations and mechanism; changes are not written to files."""
 
@@ -45,17 +38,16 @@ class DesignPanel:
         self.front = front
         self.gui = front.server.gui
         self._tab = tab
-        self._handles: list = []
+        self._folders: list = []
         self._design_b: MovableRobot | None = None
         self._design_b_nodes: RobotNodes | None = None
         # set when the panel is built; the last two only for a robot with equations
         self._show_b: viser.GuiCheckboxHandle
         self._comparison: viser.GuiHtmlHandle
-        self._progress: ProgressBar
-        self._reached: viser.GuiMarkdownHandle
+        self._cloud_text: viser.GuiMarkdownHandle
         self._cloud = Cloud()
-        self._points: list[np.ndarray] = []
-        self._condition: list[np.ndarray] = []
+        self._cloud_points: list[np.ndarray] = []
+        self._cloud_condition: list[np.ndarray] = []
         self._draw_time = 0.0
         self._cloud_robot = ""  # name of the robot whose workspace is computed
         self.rebuild()
@@ -67,56 +59,56 @@ class DesignPanel:
 
     def rebuild(self) -> None:
         """Build the panel for the active robot."""
-        for handle in self._handles:
+        for handle in self._folders:
             handle.remove()
-        self._handles = []
+        self._folders = []
         robot = self.front.active
         with self._tab:
             if robot.movable.kin is not None:
-                self._equations(robot)
-            self._mechanism(robot)
-            self._compare(robot)
+                self._add_equations(robot)
+            self._add_distances(robot)
+            self._add_comparison(robot)
             if robot.movable.kin is not None:
-                self._workspace(robot)
+                self._add_workspace(robot)
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def _equations(self, robot: ShownRobot) -> None:
+    def _add_equations(self, robot: ShownRobot) -> None:
         gui, movable = self.gui, robot.movable
         assert movable.kin is not None
         folder = gui.add_folder("Equations")
-        self._handles.append(folder)
+        self._folders.append(folder)
         with folder:
             for name, choices in movable.kin.choices.items():
                 if len(choices) < 2:
                     continue
                 dropdown = gui.add_dropdown(name, choices, initial_value=movable.kin.variants[name])
-                dropdown.on_update(self._chooser(robot, name, dropdown))
+                dropdown.on_update(self._variant_handler(robot, name, dropdown))
             names = []
             for name, value in movable.kin.parameters.items():
                 if isinstance(value, float) and np.isfinite(value):
                     names.append(name)
             if names:
-                self._parameters(robot, sorted(names))
+                self._add_parameters(robot, sorted(names))
 
-    def _parameters(self, robot: ShownRobot, choosable: list[str]) -> None:
+    def _add_parameters(self, robot: ShownRobot, choosable: list[str]) -> None:
         """Add the controls that change a parameter of the equations."""
         gui, movable = self.gui, robot.movable
         assert movable.kin is not None
         units = {parameter.name: parameter.unit for parameter in movable.kin.formula.parameters}
-        which = gui.add_dropdown("parameter", choosable)
+        chosen = gui.add_dropdown("parameter", choosable)
         number = gui.add_number("value", 0.0, step=0.01)
         reset = gui.add_button("as published")
 
         def choose(_: object = None) -> None:
-            scale, sign = _DISPLAYED_UNITS.get(units.get(which.value, ""), (1.0, ""))
+            scale, sign = _DISPLAYED_UNITS.get(units.get(chosen.value, ""), (1.0, ""))
             number.label = f"value [{sign}]" if sign else "value"
-            number.value = round(movable.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
+            number.value = round(movable.kin.parameters[chosen.value] / scale, 6)  # type: ignore[union-attr]
 
         def change(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            name = which.value
+            name = chosen.value
             scale, _ = _DISPLAYED_UNITS.get(units.get(name, ""), (1.0, ""))
             value = number.value * scale
 
@@ -124,36 +116,36 @@ class DesignPanel:
                 movable.change(parameters={name: value})
                 self._retry_tool_pose(robot)
 
-            self._queue(apply)
+            self._ask(apply)
 
-        def undo(_: object) -> None:
+        def reset_value(_: object) -> None:
             def apply() -> None:
-                movable.reset_parameter(which.value)
+                movable.reset_parameter(chosen.value)
                 choose()
                 self._retry_tool_pose(robot)
 
-            self._queue(apply)
+            self._ask(apply)
 
         choose()
-        which.on_update(choose)
+        chosen.on_update(choose)
         number.on_update(change)
-        reset.on_click(undo)
+        reset.on_click(reset_value)
 
-    def _chooser(self, robot: ShownRobot, name: str, dropdown: viser.GuiDropdownHandle):
-        def chosen(event: viser.GuiEvent) -> None:
+    def _variant_handler(self, robot: ShownRobot, name: str, dropdown: viser.GuiDropdownHandle):
+        def choose_variant(event: viser.GuiEvent) -> None:
             value = dropdown.value
 
             def apply() -> None:
                 robot.movable.change(variants={name: value})
                 self._retry_tool_pose(robot)
 
-            self._queue(apply)
+            self._ask(apply)
 
-        return chosen
+        return choose_variant
 
     # -- mechanism ------------------------------------------------------------------------------------
 
-    def _mechanism(self, robot: ShownRobot) -> None:
+    def _add_distances(self, robot: ShownRobot) -> None:
         gui, movable = self.gui, robot.movable
         by_title = {
             f"{distance.body}: {distance.joint} to {distance.other}": distance
@@ -162,19 +154,19 @@ class DesignPanel:
         if not by_title:
             return
         folder = gui.add_folder("Mechanism")
-        self._handles.append(folder)
+        self._folders.append(folder)
         with folder:
-            which = gui.add_dropdown("distance", tuple(by_title))
+            chosen = gui.add_dropdown("distance", tuple(by_title))
             number = gui.add_number("length [mm]", 0.0, step=0.01)
             reset = gui.add_button("as drawn")
 
         def choose(_: object = None) -> None:
-            number.value = round(by_title[which.value].distance / MM, 6)
+            number.value = round(by_title[chosen.value].distance / MM, 6)
 
         def change(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            distance, value = by_title[which.value], number.value * MM
+            distance, value = by_title[chosen.value], number.value * MM
 
             def apply() -> None:
                 try:
@@ -186,34 +178,34 @@ class DesignPanel:
                 self.front.rebuilt(robot)
                 self.front.panels.show_ghost(True)  # the ghost shows the unedited mechanism
 
-            self._queue(apply)
+            self._ask(apply)
 
-        def undo(_: object) -> None:
+        def reset_value(_: object) -> None:
             def apply() -> None:
                 movable.redesign(movable.robot.mechanism)
                 choose()
                 self.front.rebuilt(robot)
                 self.front.panels.show_ghost(False)
 
-            self._queue(apply)
+            self._ask(apply)
 
         choose()
-        which.on_update(choose)
+        chosen.on_update(choose)
         number.on_update(change)
-        reset.on_click(undo)
+        reset.on_click(reset_value)
 
     # -- two designs ----------------------------------------------------------------------------------
 
-    def _compare(self, robot: ShownRobot) -> None:
+    def _add_comparison(self, robot: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Two designs")
-        self._handles.append(folder)
+        self._folders.append(folder)
         with folder:
             keep = gui.add_button("Keep this design as B")
             self._show_b = gui.add_checkbox("also show B", False, disabled=self._design_b is None)
             self._comparison = gui.add_html("")
 
-        def kept(_: object) -> None:
+        def keep_design(_: object) -> None:
             def apply() -> None:
                 design_b = MovableRobot(robot.movable.robot)
                 if design_b.kin is not None:
@@ -226,10 +218,10 @@ class DesignPanel:
                 self._show_b.value = True
                 self._show_design_b(True)
 
-            self._queue(apply)
+            self._ask(apply)
 
-        keep.on_click(kept)
-        self._show_b.on_update(lambda e: e.client and self._queue(lambda: self._show_design_b(self._show_b.value)))
+        keep.on_click(keep_design)
+        self._show_b.on_update(lambda e: e.client and self._ask(lambda: self._show_design_b(self._show_b.value)))
 
     def _show_design_b(self, visible: bool) -> None:
         robot = self.front.active
@@ -270,7 +262,7 @@ class DesignPanel:
         reading_b = read(self._design_b)
         rows = [
             ("", "A (active)", "B (orange)"),
-            ("condition", _condition(reading), _condition(reading_b)),
+            ("condition", _cloud_condition(reading), _cloud_condition(reading_b)),
             ("differs by", residual_html(reading), residual_html(reading_b)),
         ]
         for limit, limit_b in zip(reading.limits, reading_b.limits, strict=True):
@@ -286,10 +278,10 @@ class DesignPanel:
 
     # -- workspace ------------------------------------------------------------------------------------
 
-    def _workspace(self, robot: ShownRobot) -> None:
+    def _add_workspace(self, robot: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Workspace")
-        self._handles.append(folder)
+        self._folders.append(folder)
         with folder:
             gui.add_markdown(
                 "Reachable tool positions at the present orientation; **green**: well conditioned, **red**: badly "
@@ -302,11 +294,11 @@ class DesignPanel:
             begin = gui.add_button("Compute workspace")
             stop = gui.add_button("Hide workspace")
             self._progress = gui.add_progress_bar(0.0)
-            self._reached = gui.add_markdown("")
+            self._cloud_text = gui.add_markdown("")
 
         def compute() -> None:
-            self._points = []
-            self._condition = []
+            self._cloud_points = []
+            self._cloud_condition = []
             self._cloud_robot = robot.name
             number = int(count.value.replace(" ", ""))
             job = job_of(robot.movable, robot.source, edge.value * MM, number)
@@ -315,28 +307,28 @@ class DesignPanel:
         def hide() -> None:
             self._cloud.cancel()
             self.front.server.scene.remove_by_name(f"/{robot.name}/workspace")
-            self._reached.content = ""
+            self._cloud_text.content = ""
 
-        begin.on_click(lambda _: self._queue(compute))
-        stop.on_click(lambda _: self._queue(hide))
+        begin.on_click(lambda _: self._ask(compute))
+        stop.on_click(lambda _: self._ask(hide))
 
     def _poll(self) -> None:
         chunk: WorkspaceChunk | None = self._cloud.poll()
         if chunk is None:
             return
         if chunk.error:
-            self._reached.content = f"<span style='color:#d62f2f'>{chunk.error}</span>"
+            self._cloud_text.content = f"<span style='color:#d62f2f'>{chunk.error}</span>"
             return
-        self._points.append(chunk.points)
-        self._condition.append(chunk.condition)
+        self._cloud_points.append(chunk.points)
+        self._cloud_condition.append(chunk.condition)
         is_complete = chunk.evaluated >= chunk.count
         if not is_complete and self.front.now - self._draw_time < _REDRAW_PERIOD:
             return
         self._draw_time = self.front.now
-        points = np.concatenate(self._points)
-        condition = np.concatenate(self._condition)
+        points = np.concatenate(self._cloud_points)
+        condition = np.concatenate(self._cloud_condition)
         self._progress.value = 100.0 * chunk.evaluated / chunk.count
-        self._reached.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
+        self._cloud_text.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
         if not len(points):
             return
         step = point_step(len(points))
@@ -349,7 +341,7 @@ class DesignPanel:
             precision="float32",
         )
 
-    def _queue(self, change: Callable[[], object]) -> None:
+    def _ask(self, change: Callable[[], object]) -> None:
         self.front.ask("design", change)
 
     def _retry_tool_pose(self, robot: ShownRobot) -> None:
@@ -381,7 +373,7 @@ def residual_html(reading: RobotReading) -> str:
     return readout.residual_text(reading.residual) + what
 
 
-def _condition(reading: RobotReading) -> str:
+def _cloud_condition(reading: RobotReading) -> str:
     if not reading.condition:
         return "-"
     return f"{reading.condition:.2f}"

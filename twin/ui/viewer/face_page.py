@@ -56,7 +56,7 @@ class FacePage(ViewerPage):
         low, middle, self._size = extent([drawing.box])
         self._grid = furnish(server, middle, self._size, float(low[2]))
         server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
-        self._marks: list[viser.SceneNodeHandle] = []
+        self._highlights: list[viser.SceneNodeHandle] = []
         self._bodies: list[str] = []  # of each drawn part, in the order of `placed_parts`
         self._meshes: list[viser.MeshHandle] = []
         self._hidden: set[str] = set()
@@ -65,7 +65,7 @@ class FacePage(ViewerPage):
         self._build_panel(drawing)
         self._show()
 
-    def frame(self, passed: float, wished: bool) -> None:
+    def frame(self, passed: float, has_requests: bool) -> None:
         """Do nothing: the page changes by requests only."""
 
     # -- the scene ------------------------------------------------------------------------------------
@@ -113,23 +113,23 @@ class FacePage(ViewerPage):
     def _draw_marks(self) -> None:
         """Colour the picked faces, and draw the axis of the current one."""
         with self.server.atomic():
-            for mark in self._marks:
+            for mark in self._highlights:
                 mark.remove()
-            self._marks = []
+            self._highlights = []
             for body, mesh in zip(self._bodies, self._meshes, strict=True):
                 mesh.visible = body not in self._hidden
             for k, face in enumerate(self.picker.picked):
                 if face.drawn.body in self._hidden:
                     continue
                 color = ORANGE if face is self.picker.current else BLUE
-                self._marks.append(self._highlight(f"/picked/face{k}", face.drawn, color))
+                self._highlights.append(self._highlight(f"/picked/face{k}", face.drawn, color))
             if self.picker.current is not None:
                 axis = _axis_line(self.picker.current)
                 if axis is not None:
                     line = self.server.scene.add_line_segments(
                         "/picked/axis", axis[None].astype(np.float32), ORANGE, thickness=3.0, thickness_units="screen"
                     )
-                    self._marks.append(line)
+                    self._highlights.append(line)
 
     def _highlight(self, path: str, face: DrawnFace, color: tuple[int, int, int]) -> viser.MeshHandle:
         corners = face.part.vertices[face.triangles]
@@ -150,21 +150,21 @@ class FacePage(ViewerPage):
     def _build_panel(self, drawing: StepDrawing) -> None:
         gui = self.server.gui
         gui.add_markdown(_INTRO)
-        notes = _notes(drawing)
+        notes = _notes_text(drawing)
         if notes:
             gui.add_html(f"<div style='font-size:13px;line-height:1.4;padding:0 .8em'>{escape(notes)}</div>")
-        self._facts = gui.add_html("")
+        self._facts_html = gui.add_html("")
         self._name = gui.add_text("name", "", hint="name of this face in the TOML")
         self._name.on_update(lambda event: self._rename(event.target.value))
-        self._drop = gui.add_button("Remove this face")
-        self._drop.on_click(lambda _: self.ask("drop", lambda: self._change(self.picker.drop)))
-        self._clear = gui.add_button("Remove all faces")
-        self._clear.on_click(lambda _: self.ask("clear", lambda: self._change(self.picker.clear)))
-        self._hide = gui.add_button("Hide its body", hint="to pick faces behind it and inside it")
-        self._hide.on_click(lambda _: self.ask("hide", self._hide_body))
-        self._unhide = gui.add_button("Show all bodies")
-        self._unhide.on_click(lambda _: self.ask("unhide", self._show_all_bodies))
-        self._toml = gui.add_html("")
+        self._drop_button = gui.add_button("Remove this face")
+        self._drop_button.on_click(lambda _: self.ask("drop", lambda: self._change(self.picker.drop)))
+        self._clear_button = gui.add_button("Remove all faces")
+        self._clear_button.on_click(lambda _: self.ask("clear", lambda: self._change(self.picker.clear)))
+        self._hide_button = gui.add_button("Hide its body", hint="to pick faces behind it and inside it")
+        self._hide_button.on_click(lambda _: self.ask("hide", self._hide_body))
+        self._unhide_button = gui.add_button("Show all bodies")
+        self._unhide_button.on_click(lambda _: self.ask("unhide", self._show_all_bodies))
+        self._toml_html = gui.add_html("")
 
     def _rename(self, name: str) -> None:
         current = self.picker.current
@@ -190,15 +190,15 @@ class FacePage(ViewerPage):
 
     def _show_panel(self) -> None:
         current = self.picker.current
-        self._facts.content = "" if current is None else _facts(current)
+        self._facts_html.content = "" if current is None else _facts_html(current)
         self._name.visible = current is not None and current.feature is not None
         if current is not None and self._name.value != current.name:
             self._name.value = current.name
-        self._drop.visible = current is not None
-        self._clear.visible = len(self.picker.picked) > 1
-        self._hide.visible = current is not None and current.drawn.body not in self._hidden
-        self._unhide.visible = bool(self._hidden)
-        self._toml.content = _toml(self.picker)
+        self._drop_button.visible = current is not None
+        self._clear_button.visible = len(self.picker.picked) > 1
+        self._hide_button.visible = current is not None and current.drawn.body not in self._hidden
+        self._unhide_button.visible = bool(self._hidden)
+        self._toml_html.content = _toml_html(self.picker)
 
 
 def _axis_line(face: PickedFace) -> Array | None:
@@ -220,7 +220,7 @@ def _axis_line(face: PickedFace) -> Array | None:
     return np.array([point + (low - margin) * direction, point + (high + margin) * direction])
 
 
-def _notes(drawing: StepDrawing) -> str:
+def _notes_text(drawing: StepDrawing) -> str:
     """Return what a user must know of a STEP file, as text."""
     if drawing.note:
         text = drawing.note + "."
@@ -234,7 +234,7 @@ def _notes(drawing: StepDrawing) -> str:
     return text
 
 
-def _facts(face: PickedFace) -> str:
+def _facts_html(face: PickedFace) -> str:
     """Return the geometry of a face as HTML."""
     rows = []
     for what, value in face.facts():
@@ -256,7 +256,7 @@ def _facts(face: PickedFace) -> str:
     )
 
 
-def _toml(picker: FacePicker) -> str:
+def _toml_html(picker: FacePicker) -> str:
     """Return the TOML of all picked faces as HTML, with a button that copies it; "" without a face."""
     text = picker.toml()
     if not text:

@@ -189,13 +189,13 @@ class Front(ViewerPage):
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
-        self._plans: dict[str, Planner] = {}
+        self._planners: dict[str, Planner] = {}
         # robots that stay where they are when their next plan is ready, instead of going to its start
-        self._staying = {robot.name for robot in robots if start_of(robot.movable.robot)}
+        self._kept_in_place = {robot.name for robot in robots if start_of(robot.movable.robot)}
         self._watch: RobotFileWatch | None = None
         self._linked_time: float | None = None  # time of a link, until a protocol is planned
         self._reading_time = self.now
-        self._stale = True
+        self._is_changed = True
         self.after_frame: list[Callable[[], object]] = []
         for robot in robots:
             self.nodes[robot.name].place(robot.T_world_base, robot.scale)
@@ -208,27 +208,27 @@ class Front(ViewerPage):
         """Create the surroundings, then the panels, which contain controls for the surroundings."""
         self.scenery = scenery(self)
         self.panels = panels(self)
-        self._grab_links()
+        self._make_links_draggable()
         self.refresh()
 
     # -- the loop -------------------------------------------------------------------------------------
 
-    def frame(self, passed: float, wished: bool) -> None:
+    def frame(self, passed: float, has_requests: bool) -> None:
         """Advance the clock, draw one frame, and update the readings periodically."""
-        self._stale |= wished
-        self._take_plans()
+        self._is_changed |= has_requests
+        self._receive_plans()
         if self.clock.advance(passed):
             self.move_to_clock()
         self.deform_organs(passed)
-        if self._stale or self.clock.playing:
+        if self._is_changed or self.clock.playing:
             self.draw()
         for act in list(self.after_frame):
             act()
         if self.terminal is not None:
             self.terminal.poll()
-        if self.now - self._reading_time >= _READING_PERIOD and (self._stale or self.clock.playing):
+        if self.now - self._reading_time >= _READING_PERIOD and (self._is_changed or self.clock.playing):
             self._reading_time = self.now
-            self._stale = False
+            self._is_changed = False
             self.refresh()
 
     def close(self) -> None:
@@ -236,9 +236,9 @@ class Front(ViewerPage):
         self.panels.close()
         if self._watch is not None:
             self._watch.close()
-        for planner in self._plans.values():
+        for planner in self._planners.values():
             planner.close()
-        self._plans.clear()
+        self._planners.clear()
         super().close()
 
     def continue_move(self, kind: str, move: Callable[[], MoveResult]) -> None:
@@ -259,18 +259,18 @@ class Front(ViewerPage):
         if self.ghost_shown:
             self._draw_ghost()
         if not self.dragging:
-            self._gizmo_to_tool()
+            self._place_gizmo()
 
     def deform_organs(self, passed: float) -> None:
         """Deform the organs according to the present link poses; `passed` is the time in s since the last call."""
         if self._fields is not None:
-            self._stale |= self._fields.follow(self._links_of, passed)
+            self._is_changed |= self._fields.follow(self._world_link_poses, passed)
 
-    def _links_of(self, name: str) -> dict[str, Array]:
-        robot = self._robot(name)
+    def _world_link_poses(self, name: str) -> dict[str, Array]:
+        robot = self._robot_named(name)
         return {link: robot.T_world_base @ T for link, T in robot.movable.assembly.link_poses.items()}
 
-    def _robot(self, name: str) -> ShownRobot:
+    def _robot_named(self, name: str) -> ShownRobot:
         robots = {robot.name: robot for robot in self.robots}
         return robots[name]
 
@@ -322,15 +322,15 @@ class Front(ViewerPage):
         q, t = read_posture(text, robot.movable.joints)
         self.clock.playing = False
         if robot.playback is None:
-            self._staying.add(robot.name)  # a plan that is ready later does not move the robot
+            self._kept_in_place.add(robot.name)  # a plan that is ready later does not move the robot
         self._linked_time = t
-        self._seek_linked()
+        self._seek_linked_time()
         result = robot.movable.move_joints(q)
         robot.movable.clear_message()
         if not result.good:
             raise TwinError(f"the posture of the link is not reached: {result.reason}")
 
-    def _seek_linked(self) -> None:
+    def _seek_linked_time(self) -> None:
         if self._linked_time is None or self.clock.duration <= 0:
             return
         self.clock.seek(self._linked_time)
@@ -347,16 +347,16 @@ class Front(ViewerPage):
     def set_active(self, name: str) -> None:
         """Make a robot the active one."""
         self.nodes[self.active.name].equations({}, {}, True, 1.0)
-        self.active = self._robot(name)
+        self.active = self._robot_named(name)
         self.panels.rebuild()
-        self._stale = True
+        self._is_changed = True
 
     def rebuilt(self, robot: ShownRobot) -> None:
         """Remove a robot's ghost, because the robot's mechanism has changed."""
         ghost = self.ghosts.pop(robot.name, None)
         if ghost is not None:
             ghost.remove()
-        self._stale = True
+        self._is_changed = True
 
     # -- changed files --------------------------------------------------------------------------------
 
@@ -399,7 +399,7 @@ class Front(ViewerPage):
         robot.movable = movable
         # its joint values are those of the build before
         robot.playback = None
-        if robot.protocol and _is_gone(movable.robot, robot.protocol):
+        if robot.protocol and _is_missing(movable.robot, robot.protocol):
             note += f"; its protocol {robot.protocol} has gone, so the default one is planned"
             robot.protocol = None
         self.scenery.forget(robot.name)
@@ -409,11 +409,11 @@ class Front(ViewerPage):
             nodes.place(robot.T_world_base, robot.scale)
         self.nodes[robot.name] = nodes
         self.scenery.redraw(robot.name)
-        self._grab_links_of(robot)
+        self._make_draggable(robot)
         self.rebuilt(robot)
         if robot is self.active:
             self.panels.rebuild()
-        self._staying.add(robot.name)
+        self._kept_in_place.add(robot.name)
         if movable.robot.files is not None and movable.robot.files.protocols():
             self.load(robot, robot.protocol)
         else:
@@ -463,29 +463,29 @@ class Front(ViewerPage):
 
     def load(self, robot: ShownRobot, protocol: str | None) -> None:
         """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
-        if robot.name in self._plans:
-            self._plans.pop(robot.name).close()
+        if robot.name in self._planners:
+            self._planners.pop(robot.name).close()
         robot.playback = None
-        self._plans[robot.name] = Planner(robot.source, protocol)
+        self._planners[robot.name] = Planner(robot.source, protocol)
         self.panels.show_planning(robot, protocol)
 
     @property
     def planning(self) -> bool:
         """Whether a protocol is being planned."""
-        return bool(self._plans)
+        return bool(self._planners)
 
-    def _take_plans(self) -> None:
-        for name, planner in list(self._plans.items()):
+    def _receive_plans(self) -> None:
+        for name, planner in list(self._planners.items()):
             if not planner.done:
                 continue
-            self._plans.pop(name).close()
-            robot = self._robot(name)
+            self._planners.pop(name).close()
+            robot = self._robot_named(name)
             if not isinstance(planner.answer, Playback):
                 self.panels.show_failure(robot, str(planner.answer))
                 continue
             if robot.movable.robot.files is not None:
                 try:
-                    self._bind(robot, planner.protocol)
+                    self._use_protocol(robot, planner.protocol)
                 except TwinError as error:
                     self.panels.show_failure(robot, str(error))
                     continue
@@ -494,14 +494,14 @@ class Front(ViewerPage):
             self.clock.duration = self._longest_motion()
             self.panels.show_planned(robot)
             self.scenery.protocol_changed()
-            self._seek_linked()
-            if robot.name in self._staying:
-                self._staying.discard(robot.name)
+            self._seek_linked_time()
+            if robot.name in self._kept_in_place:
+                self._kept_in_place.discard(robot.name)
             else:
                 self.move_to_clock()
-            self._stale = True
+            self._is_changed = True
 
-    def _bind(self, robot: ShownRobot, name: str | None) -> None:
+    def _use_protocol(self, robot: ShownRobot, name: str | None) -> None:
         """Move the trocars of a robot to the places of a protocol, and use the protocol's tip and shaft.
 
         Raises:
@@ -512,7 +512,7 @@ class Front(ViewerPage):
         if bound is not robot.movable.robot:
             q = robot.movable.assembly.q
             robot.movable.bind(bound)
-            if robot.name in self._staying:
+            if robot.name in self._kept_in_place:
                 robot.movable.move_joints(q)
                 robot.movable.clear_message()
         robot.movable.use_tool_frame_of(protocol)
@@ -543,18 +543,18 @@ class Front(ViewerPage):
                 self.active.movable.remember()
             wxyz = np.array(event.target.wxyz)
             position = np.array(event.target.position)
-            self.continue_move("tool", lambda: self._tool_to(wxyz, position))
+            self.continue_move("tool", lambda: self._drag_tool(wxyz, position))
             if event.phase == "end":
                 self.dragging = False
-                self.ask("settle", self._let_go)
+                self.ask("settle", self._end_drag)
 
         return gizmo
 
-    def _let_go(self) -> None:
+    def _end_drag(self) -> None:
         self.wall.hide()
         self.active.movable.clear_message()
 
-    def _tool_to(self, wxyz: Array, position: Array) -> MoveResult:
+    def _drag_tool(self, wxyz: Array, position: Array) -> MoveResult:
         node = self.nodes[self.active.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
@@ -565,27 +565,27 @@ class Front(ViewerPage):
             self.wall.hide()
         return result
 
-    def _gizmo_to_tool(self) -> None:
+    def _place_gizmo(self) -> None:
         node = self.nodes[self.active.name]
         T = self.active.movable.assembly.T_base_tool
         self.gizmo.position = node.to_world(T[:3, 3])
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)) @ T[:3, :3]
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
 
-    def _grab_links(self) -> None:
+    def _make_links_draggable(self) -> None:
         """Make all links draggable with the shift key and the left mouse button."""
         for robot in self.robots:
-            self._grab_links_of(robot)
+            self._make_draggable(robot)
 
-    def _grab_links_of(self, robot: ShownRobot) -> None:
+    def _make_draggable(self, robot: ShownRobot) -> None:
         grabbed: dict[str, Array] = {}
         for body, handle in self.nodes[robot.name].meshes:
-            handle.on_drag("left", modifier="shift")(self._follower(robot, body, grabbed))
+            handle.on_drag("left", modifier="shift")(self._drag_handler(robot, body, grabbed))
 
-    def _follower(self, robot: ShownRobot, body: str, grabbed: dict[str, Array]):
+    def _drag_handler(self, robot: ShownRobot, body: str, grabbed: dict[str, Array]):
         node = self.nodes[robot.name]
 
-        async def lead(event: viser.SceneNodeDragEvent) -> None:
+        async def handle_drag(event: viser.SceneNodeDragEvent) -> None:
             if event.phase == "start":
                 T_body_base = spatial.inverse(robot.movable.assembly.link_poses[body])
                 p_base = node.to_base(np.array(event.start_position))
@@ -600,10 +600,10 @@ class Front(ViewerPage):
             elif event.phase == "end":
                 self.ask("settle", robot.movable.clear_message)
 
-        return lead
+        return handle_drag
 
 
-def _is_gone(robot: Robot, protocol: str) -> bool:
+def _is_missing(robot: Robot, protocol: str) -> bool:
     """Return whether the file of a protocol no longer exists; `protocol` is as for `Robot.protocol`."""
     if Path(protocol).suffix == ".toml":
         return not Path(protocol).exists()

@@ -35,25 +35,25 @@ class ViewerPage(ABC):
     def __init__(self, server: viser.ViserServer, title: str, stopping: threading.Event | None = None) -> None:
         self.server, self.title = server, title
         self.stopping = threading.Event() if stopping is None else stopping
-        self._wishes: dict[str, Callable[[], object]] = {}
+        self._requests: dict[str, Callable[[], object]] = {}
         self._lock = threading.Lock()
         self._last = self.now = time.perf_counter()
-        self._told = "", -NOTICE_PAUSE
+        self._notice_times = "", -NOTICE_PAUSE
 
     @abstractmethod
-    def frame(self, passed: float, wished: bool) -> None:
+    def frame(self, passed: float, has_requests: bool) -> None:
         """Draw one frame.
 
         Args:
             passed: time in s since the last frame.
-            wished: whether a request was handled since the last frame.
+            has_requests: whether a request was handled since the last frame.
         """
 
-    def ask(self, kind: str, wish: Callable[[], object]) -> None:
+    def ask(self, kind: str, request: Callable[[], object]) -> None:
         """Store a request for the loop; the request replaces an earlier one of the same kind."""
         with self._lock:
-            self._wishes.pop(kind, None)
-            self._wishes[kind] = wish
+            self._requests.pop(kind, None)
+            self._requests[kind] = request
 
     def repeat(self, kind: str, step: Callable[[], bool]) -> None:
         """Store a request `step`, which is repeated in each frame until it returns False.
@@ -61,17 +61,17 @@ class ViewerPage(ABC):
         A new request of the same kind ends the repetition, too.
         """
 
-        def wish() -> None:
+        def request() -> None:
             if step():
                 with self._lock:
-                    self._wishes.setdefault(kind, wish)
+                    self._requests.setdefault(kind, request)
 
-        self.ask(kind, wish)
+        self.ask(kind, request)
 
-    def wished(self, kind: str) -> bool:
+    def has_requests(self, kind: str) -> bool:
         """Return whether a request of a kind that begins with `kind` is waiting; if so, leave its control unchanged."""
         with self._lock:
-            return any(k.startswith(kind) for k in self._wishes)
+            return any(k.startswith(kind) for k in self._requests)
 
     def run(self) -> None:
         """Draw frames until `stop` is called or `stopping` is set."""
@@ -88,16 +88,16 @@ class ViewerPage(ABC):
         now = time.perf_counter()
         passed, self._last, self.now = now - self._last, now, now
         with self._lock:
-            wishes, self._wishes = self._wishes, {}
-        for wish in wishes.values():
+            requests, self._requests = self._requests, {}
+        for request in requests.values():
             try:
-                wish()
+                request()
             except TwinError as error:
                 self.say(str(error), bad=True)
             except Exception as error:  # an error in a request must not end the loop
                 logging.getLogger(__name__).exception("a request failed")
                 self.say(f"internal error, {type(error).__name__}: {error}. Please report it.", bad=True)
-        self.frame(passed, bool(wishes))
+        self.frame(passed, bool(requests))
 
     def stop(self) -> None:
         """End the loop."""
@@ -110,6 +110,6 @@ class ViewerPage(ABC):
 
     def say(self, text: str, bad: bool = False) -> None:
         """Show a notice in every browser; the same notice is not shown again within `NOTICE_PAUSE` s."""
-        if self._told[0] != text or self.now - self._told[1] > NOTICE_PAUSE:
-            self._told = text, self.now
+        if self._notice_times[0] != text or self.now - self._notice_times[1] > NOTICE_PAUSE:
+            self._notice_times = text, self.now
             tell(self.server, self.title, text, bad)

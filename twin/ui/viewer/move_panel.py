@@ -116,7 +116,7 @@ class MovePanel:
         movable = self.front.active.movable
         for slider, joint, q in zip(self.sliders, movable.joints, movable.assembly.q, strict=True):
             value = float(np.clip(round(q / _scale(joint), 2), slider.min, slider.max))
-            if abs(slider.value - value) > _SLIDER_TOLERANCE and not self.front.wished("joint"):
+            if abs(slider.value - value) > _SLIDER_TOLERANCE and not self.front.has_requests("joint"):
                 slider.value = value
 
 

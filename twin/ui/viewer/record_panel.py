@@ -21,10 +21,10 @@ class RecordPanel:
 
     def __init__(self, front: Front, robot: ShownRobot, tab: viser.GuiTabHandle, handles: list) -> None:
         self.front = front
-        self.actor = robot
+        self.robot = robot
         self.session: RecordedSession | None = None
-        self._began = 0.0
-        self._replayed: float | None = None
+        self._start_time = 0.0
+        self._replay_time: float | None = None
         gui = front.server.gui
         with tab:
             folder = gui.add_folder("Session")
@@ -37,16 +37,16 @@ class RecordPanel:
                 load = gui.add_upload_button("Load a session", mime_type="application/json")
             handles.append(folder)
             if front.local and robot.movable.robot.files is not None:
-                keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
-                handles.append(keep)
-                with keep:
-                    self._keep_buttons()
-        self._record.on_click(lambda _: front.ask("record", self._toggle))
-        self._replay.on_click(lambda _: front.ask("replay", self._start))
+                file_folder = gui.add_folder("Write into the robot's files", expand_by_default=False)
+                handles.append(file_folder)
+                with file_folder:
+                    self._add_file_buttons()
+        self._record.on_click(lambda _: front.ask("record", self._toggle_recording))
+        self._replay.on_click(lambda _: front.ask("replay", self._start_replay))
         load.on_upload(lambda _: front.ask("open", lambda: self._load(load.value.content)))
-        front.after_frame.append(self._tick)
+        front.after_frame.append(self._update)
 
-    def _keep_buttons(self) -> None:
+    def _add_file_buttons(self) -> None:
         """Add controls that write files. Each write must be confirmed on the terminal; page users are not trusted."""
         gui, front = self.front.server.gui, self.front
         if front.terminal is None:
@@ -58,37 +58,37 @@ class RecordPanel:
 
     def close(self) -> None:
         """End recording and replay; the owner of the list `handles` removes the controls."""
-        self.front.after_frame.remove(self._tick)
+        self.front.after_frame.remove(self._update)
 
-    def _toggle(self) -> None:
+    def _toggle_recording(self) -> None:
         if self._record.label == "● Record":
-            self.session = RecordedSession.of(self.actor.movable.mechanism)
-            self._began = time.perf_counter()
+            self.session = RecordedSession.of(self.robot.movable.mechanism)
+            self._start_time = time.perf_counter()
             self._record.label = "■ Stop recording"
             self._replay.disabled = True
         else:
             self._record.label = "● Record"
             self._replay.disabled = False
 
-    def _start(self) -> None:
+    def _start_replay(self) -> None:
         self.front.clock.playing = False
-        self._replayed = time.perf_counter()
+        self._replay_time = time.perf_counter()
 
-    def _tick(self) -> None:
-        movable = self.actor.movable
+    def _update(self) -> None:
+        movable = self.robot.movable
         if self.session is None:
             return
         if self._record.label != "● Record":
-            elapsed = time.perf_counter() - self._began
+            elapsed = time.perf_counter() - self._start_time
             if len(self.session.moments) >= MAX_MOMENTS:
-                self._toggle()
+                self._toggle_recording()
                 self.front.say(f"{MAX_MOMENTS} states are recorded, the maximum of a session", bad=True)
             elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, movable.assembly.q):
                 self.session.add(elapsed, movable.assembly.q, movable.assembly.T_base_tool)
-        elif self._replayed is not None and self.session.moments:
-            elapsed = time.perf_counter() - self._replayed
+        elif self._replay_time is not None and self.session.moments:
+            elapsed = time.perf_counter() - self._replay_time
             if elapsed >= self.session.duration:
-                self._replayed = None
+                self._replay_time = None
             session = self.session
             self.front.ask("replay", lambda: movable.move_joints(session.at(session.moments[0].time + elapsed)))
 
@@ -96,36 +96,36 @@ class RecordPanel:
         with Scratch() as folder:
             path = Path(folder) / "session.json"
             path.write_bytes(content)
-            self.session = RecordedSession.load(path, self.actor.movable.mechanism)
+            self.session = RecordedSession.load(path, self.robot.movable.mechanism)
         self._replay.disabled = False
         self.front.say(f"{len(self.session.moments)} states, {self.session.duration:.1f} s: press Replay")
 
     def _save(self) -> None:
         if self.session is None or not self.session.moments:
             raise TwinError("the recording is empty: press Record, move the robot, press Stop")
-        path = Path("twin-out") / self.actor.name / "session.json"
+        path = Path("twin-out") / self.robot.name / "session.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         self.session.save(path)
         self.front.say(f"written: {path}")
 
     def _save_posture(self) -> None:
-        files = self.actor.movable.robot.files
+        files = self.robot.movable.robot.files
         assert files is not None
         name, path = self._name.value, files.description
-        values = dict(zip([j.name for j in self.actor.movable.joints], self.actor.movable.assembly.q, strict=True))
-        self._when_told(f"posture '{identifier(name)}'", path, lambda: save_posture(path, name, values))
+        values = dict(zip([j.name for j in self.robot.movable.joints], self.robot.movable.assembly.q, strict=True))
+        self._when_confirmed(f"posture '{identifier(name)}'", path, lambda: save_posture(path, name, values))
 
     def _save_phase(self) -> None:
-        robot, a = self.actor.movable.robot, self.actor
+        robot, a = self.robot.movable.robot, self.robot
         assert robot.files is not None
         protocol = robot.protocol(a.protocol)
         T_tool_frame = a.movable.mechanism.frame_in_tool(protocol.frame)
         name, T = self._name.value, a.movable.assembly.T_base_tool.copy()
         protocol_name = a.protocol or protocol.name
         path = Path(protocol_name) if protocol_name.endswith(".toml") else robot.files.protocol(protocol_name)
-        self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
+        self._when_confirmed(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
 
-    def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:
+    def _when_confirmed(self, what: str, path: Path, write: Callable[[], None]) -> None:
         """Write a file after confirmation on the terminal."""
         front = self.front
         assert front.terminal is not None

@@ -56,18 +56,18 @@ class Scenery:
         self._patients: dict[str, RobotNodes] = {}
         self._patient_shown = False
         self._gizmo_wanted = True
-        self._through_lens = False
-        self._trail: dict[str, list[viser.SceneNodeHandle]] = {}
+        self._is_endoscope_view = False
+        self._trail_nodes: dict[str, list[viser.SceneNodeHandle]] = {}
         self._trail_shown = True
         # which of the displays "labels", "frames" and "axes" are switched on
-        self._extras: set[str] = set()
-        self._lines: dict[str, viser.LineSegmentsHandle] = {}
-        self._balls: dict[str, viser.IcosphereHandle] = {}
-        self._cut: tuple[int, float] | None = None
-        self._one = threading.Lock()
-        self._cut_drawn: tuple | None = None
-        self._drawn: dict[str, DrawnNodes] = {}
-        self._drawn_shown = True
+        self._shown_labels: set[str] = set()
+        self._shaft_lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._trocar_balls: dict[str, viser.IcosphereHandle] = {}
+        self._section: tuple[int, float] | None = None
+        self._export_lock = threading.Lock()
+        self._drawn_section: tuple | None = None
+        self._drawn_nodes: dict[str, DrawnNodes] = {}
+        self._drawn_parts_shown = True
         self._person: viser.FrameHandle | None = None
         for a in front.robots:
             self._draw_parts(a)
@@ -82,22 +82,22 @@ class Scenery:
         scenery_parts = drawn_parts(files.description, [body.name for body in robot.movable.mechanism.bodies])
         if scenery_parts is None:
             return
-        self._drawn[robot.name] = DrawnNodes(
+        self._drawn_nodes[robot.name] = DrawnNodes(
             self.front.server, f"/{robot.name}", scenery_parts, robot.movable.assembly.link_poses
         )
-        self._show_drawn()
+        self._update_drawn_parts()
 
-    def _show_drawn(self) -> None:
+    def _update_drawn_parts(self) -> None:
         # a section cuts the measured bodies only
-        for nodes in self._drawn.values():
-            nodes.show(self._drawn_shown and self._cut is None)
+        for nodes in self._drawn_nodes.values():
+            nodes.show(self._drawn_parts_shown and self._section is None)
 
     def drawn(self, visible: bool) -> None:
         """Show or hide what is drawn and not measured."""
-        self._drawn_shown = visible
-        self._show_drawn()
-        if visible and self._drawn:
-            self.front.say(" ".join(dict.fromkeys(nodes.note for nodes in self._drawn.values())))
+        self._drawn_parts_shown = visible
+        self._update_drawn_parts()
+        if visible and self._drawn_nodes:
+            self.front.say(" ".join(dict.fromkeys(nodes.note for nodes in self._drawn_nodes.values())))
 
     def person(self, visible: bool) -> None:
         """Show or hide an adult beside the robots, for scale."""
@@ -112,7 +112,7 @@ class Scenery:
         """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
         self._trail_shown = visible
         for robot in self.front.robots:
-            for handle in self._trail.pop(robot.name, []):
+            for handle in self._trail_nodes.pop(robot.name, []):
                 handle.remove()
             if robot.playback is None or not visible:
                 continue
@@ -121,18 +121,18 @@ class Scenery:
                 f"/{robot.name}/trail", np.stack([tip[:-1], tip[1:]], axis=1).astype(np.float32), BLUE,
                 thickness=2.0, thickness_units="screen",
             )  # fmt: skip
-            self._trail[robot.name] = [line]
+            self._trail_nodes[robot.name] = [line]
 
     def forget(self, robot: str) -> None:
         """Forget path, trocars, shafts, patient and section of a robot; they are removed with its scene nodes."""
-        self._trail.pop(robot, None)
+        self._trail_nodes.pop(robot, None)
         self._patients.pop(robot, None)
-        self._drawn.pop(robot, None)
-        self._cut_drawn = None
-        for key in list(self._lines):
+        self._drawn_nodes.pop(robot, None)
+        self._drawn_section = None
+        for key in list(self._shaft_lines):
             if key == robot or key.startswith(f"{robot}/"):
-                del self._lines[key]
-                del self._balls[key]
+                del self._shaft_lines[key]
+                del self._trocar_balls[key]
 
     def redraw(self, robot: str) -> None:
         """Show names, frames and joint axes, if they are switched on, at the new scene nodes of a robot."""
@@ -140,27 +140,27 @@ class Scenery:
         for a in self.front.robots:
             if a.name == robot:
                 self._draw_parts(a)
-        if "labels" in self._extras:
+        if "labels" in self._shown_labels:
             nodes.labels(True)
-        if "frames" in self._extras:
+        if "frames" in self._shown_labels:
             nodes.frames(True)
-        if "axes" in self._extras:
+        if "axes" in self._shown_labels:
             nodes.axes(True)
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
         for robot in self.front.robots:
-            if robot.name in self._drawn:
-                self._drawn[robot.name].follow(robot.movable.assembly.link_poses)
+            if robot.name in self._drawn_nodes:
+                self._drawn_nodes[robot.name].follow(robot.movable.assembly.link_poses)
         shown_keys: set[str] = set()
         if self._trail_shown:
             for robot in self.front.robots:
                 trocars = in_trocars(robot.movable, rcm_at(robot.playback, self.front.clock.time))
                 for trocar in trocars:
                     shown_keys.add(self._draw_trocar(robot, trocar, len(trocars) > 1))
-        for key in self._lines.keys() - shown_keys:
-            self._lines[key].visible = False
-            self._balls[key].visible = False
+        for key in self._shaft_lines.keys() - shown_keys:
+            self._shaft_lines[key].visible = False
+            self._trocar_balls[key].visible = False
 
     def _draw_trocar(self, robot: ShownRobot, trocar: InTrocar, several: bool) -> str:
         """Draw a trocar and its shaft; return the key of their scene nodes. `several`: the robot has other trocars."""
@@ -174,18 +174,18 @@ class Scenery:
         if tip is None:
             tip = trocar.place + 0.12 * size * trocar.axis
         ends = np.array([[tip, trocar.place - 0.12 * size * trocar.axis]], np.float32)
-        if key not in self._lines:
-            self._lines[key] = self.scene.add_line_segments(
+        if key not in self._shaft_lines:
+            self._shaft_lines[key] = self.scene.add_line_segments(
                 f"/{robot.name}/shaft_axis{suffix}", ends, ORANGE, thickness=2.0, thickness_units="screen"
             )
-            self._balls[key] = self.scene.add_icosphere(
+            self._trocar_balls[key] = self.scene.add_icosphere(
                 f"/{robot.name}/rcm{suffix}", 0.007 * size, ORANGE, cast_shadow=False
             )
-        self._lines[key].points = ends
-        self._balls[key].position = trocar.place
+        self._shaft_lines[key].points = ends
+        self._trocar_balls[key].position = trocar.place
         error = np.linalg.norm(np.cross(trocar.place - tip, trocar.axis))
-        self._balls[key].visible = True
-        self._lines[key].visible = bool(error < 2 * MM)
+        self._trocar_balls[key].visible = True
+        self._shaft_lines[key].visible = bool(error < 2 * MM)
         return key
 
     # -- the panel ------------------------------------------------------------------------------------
@@ -215,14 +215,16 @@ class Scenery:
                 boxes["transparent surroundings"] = (False, self.see_through)
             for name, (first, do) in boxes.items():
                 box = gui.add_checkbox(name, first)
-                box.on_update(self._switch(name, box, do))
+                box.on_update(self._switch_handler(name, box, do))
         with gui.add_folder("Section"):
             axis = gui.add_dropdown("cut across", _SECTION_CHOICES)
             part = gui.add_slider("where [%]", 0, 100, 1, 50)
 
             def cut(_: object) -> None:
-                self._cut = None if axis.value == "none" else (_SECTION_CHOICES.index(axis.value) - 1, part.value / 100)
-                front.ask("cut", self._show_drawn)
+                self._section = (
+                    None if axis.value == "none" else (_SECTION_CHOICES.index(axis.value) - 1, part.value / 100)
+                )
+                front.ask("cut", self._update_drawn_parts)
 
             axis.on_update(cut)
             part.on_update(cut)
@@ -237,7 +239,7 @@ class Scenery:
                 size = scale.value
                 angle = yaw.value * DEG
                 if e.client is not None:
-                    front.ask("place", lambda: self._put(front.active, position, angle, size))
+                    front.ask("place", lambda: self._place_robot(front.active, position, angle, size))
 
             for handle in (scale, place, yaw):
                 handle.on_update(put)
@@ -246,37 +248,37 @@ class Scenery:
             turn = gui.add_button("Turntable (GIF)")
             page = gui.add_button("Recording without Python (HTML)")
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            shot.on_click(lambda e: self._busy(lambda p: view_export.screenshot(e.client, front.title, p)))
-            turn.on_click(lambda e: self._busy(lambda p: view_export.turntable(e.client, front.title, p)))
-            page.on_click(lambda e: front.ask("page", lambda: self._page(e.client)))
+            shot.on_click(lambda e: self._export(lambda p: view_export.screenshot(e.client, front.title, p)))
+            turn.on_click(lambda e: self._export(lambda p: view_export.turntable(e.client, front.title, p)))
+            page.on_click(lambda e: front.ask("page", lambda: self._export_page(e.client)))
 
-    def _note(self, extra: str, visible: bool) -> None:
+    def _note_labels(self, extra: str, visible: bool) -> None:
         if visible:
-            self._extras.add(extra)
+            self._shown_labels.add(extra)
         else:
-            self._extras.discard(extra)
+            self._shown_labels.discard(extra)
 
     def _labels(self, visible: bool) -> None:
-        self._note("labels", visible)
+        self._note_labels("labels", visible)
         for nodes in self.front.nodes.values():
             nodes.labels(visible)
 
     def _frames(self, visible: bool) -> None:
-        self._note("frames", visible)
+        self._note_labels("frames", visible)
         for nodes in self.front.nodes.values():
             nodes.frames(visible)
 
     def _axes(self, visible: bool) -> None:
-        self._note("axes", visible)
+        self._note_labels("axes", visible)
         for nodes in self.front.nodes.values():
             nodes.axes(visible)
 
-    def _switch(self, name: str, box: viser.GuiCheckboxHandle, do):
+    def _switch_handler(self, name: str, box: viser.GuiCheckboxHandle, do):
         return lambda _: self.front.ask(name, lambda: do(box.value))
 
-    def _busy(self, work) -> None:
+    def _export(self, work) -> None:
         """Run a long action; refuse further long actions until this action ends, because each action needs a thread."""
-        if not self._one.acquire(blocking=False):
+        if not self._export_lock.acquire(blocking=False):
             return
         try:
             self._progress.visible = True
@@ -285,17 +287,17 @@ class Scenery:
             self.front.say(str(error), bad=True)
         finally:
             self._progress.visible = False
-            self._one.release()
+            self._export_lock.release()
 
-    def _page(self, client: viser.ClientHandle | None) -> None:
+    def _export_page(self, client: viser.ClientHandle | None) -> None:
         def work(progress) -> None:
             html = view_export.page(self.front, progress)
             if client is not None:
                 client.send_file_download(f"{self.front.title}.html".replace(" ", "_"), html.encode())
 
-        self._busy(work)
+        self._export(work)
 
-    def _put(self, a: ShownRobot, p: Array, turn: float, scale: float) -> None:
+    def _place_robot(self, a: ShownRobot, p: Array, turn: float, scale: float) -> None:
         a.scale = scale
         a.T_world_base = spatial.pose(spatial.rotation_z(turn), p)
         self.front.nodes[a.name].place(a.T_world_base, scale)
@@ -318,7 +320,7 @@ class Scenery:
     def gizmo(self, on: bool) -> None:
         """Show or hide the handle (gizmo) at the tool; it is always hidden in the endoscope view."""
         self._gizmo_wanted = on
-        self.front.gizmo.visible = on and not self._through_lens
+        self.front.gizmo.visible = on and not self._is_endoscope_view
 
     def see_through(self, on: bool) -> None:
         """Draw the scene's props transparent (True), to show instruments in the patient, or opaque (False)."""
@@ -364,19 +366,19 @@ class Scenery:
     def update(self) -> None:
         """Update the shown section, if any, to the present poses of the robots."""
         state = None
-        if self._cut is not None:
+        if self._section is not None:
             # a move replaces the assembly of a robot
             states = [id(robot.movable.assembly) for robot in self.front.robots]
-            state = (*self._cut, *states)
-        if state == self._cut_drawn:
+            state = (*self._section, *states)
+        if state == self._drawn_section:
             return
-        self._cut_drawn = state
+        self._drawn_section = state
         for a in self.front.robots:
             node = self.front.nodes[a.name]
             point = None
             normal = np.zeros(3)
-            if self._cut is not None:
-                axis, part = self._cut
+            if self._section is not None:
+                axis, part = self._section
                 normal[axis] = 1.0
                 point = node.box[0] + part * (node.box[1] - node.box[0])
             node.section(a.movable.assembly.link_poses, point, normal)
@@ -388,7 +390,7 @@ class Scenery:
             clients = [client]
         eye, target, up = self.camera(view)
         inside = view == "endoscope"
-        self._through_lens = inside
+        self._is_endoscope_view = inside
         self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would cover the endoscope view
         for viewing_client in clients:
             with viewing_client.atomic():

@@ -30,7 +30,7 @@ Progress = Callable[[float], object]
 
 def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
     """Make a browser download its present view as a PNG file; return the content of the file."""
-    client = _one(client)
+    client = _required_client(client)
     png = _png(_render(client, 1080, 1920))
     progress(1.0)
     client.send_file_download(f"{title}.png", png)
@@ -41,7 +41,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
     """Make a browser download a GIF of one camera revolution about the viewed point; return the content of the file."""
     from PIL import Image
 
-    client = _one(client)
+    client = _required_client(client)
     camera = client.camera
     centre = camera.look_at.copy()
     up = camera.up_direction / np.linalg.norm(camera.up_direction)
@@ -49,7 +49,7 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
     images = []
     for k in range(TURNTABLE_PICTURES):
         angle = 2 * np.pi * k / TURNTABLE_PICTURES
-        eye = centre + _turned(arm, up, angle)
+        eye = centre + _rotated(arm, up, angle)
         # axes of the camera: x to the right, y down, z along the view
         z = (centre - eye) / np.linalg.norm(centre - eye)
         sideways = np.cross(z, up)
@@ -57,11 +57,11 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
         if sine > _ALONG_UP:
             x = sideways / sine
         else:  # the camera stays in its place and turns about its view, from its present orientation
-            x = _turned(spatial.matrix_from_quat_wxyz(camera.wxyz)[:, 0], up, angle)
+            x = _rotated(spatial.matrix_from_quat_wxyz(camera.wxyz)[:, 0], up, angle)
         R = np.column_stack([x, np.cross(z, x), z])
         wxyz = spatial.quat_from_matrix_wxyz(R)
         image = _render(client, 480, 640, wxyz=wxyz, position=eye, fov=camera.fov)
-        images.append(_over(image))
+        images.append(_over_grey(image))
         progress((k + 1) / TURNTABLE_PICTURES)
     buffer = io.BytesIO()
     frames = [Image.fromarray(image).convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
@@ -103,7 +103,7 @@ def page(front: Front, progress: StepProgress = silent_step) -> str:
         front.move_to_clock()
 
 
-def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
+def _required_client(client: viser.ClientHandle | None) -> viser.ClientHandle:
     if client is None:
         raise TwinError("no browser shows the page: open the page to make a picture")
     return client
@@ -116,13 +116,13 @@ def _render(client: viser.ClientHandle, height: int, width: int, **camera) -> np
         raise TwinError("the browser did not answer within 120 s; bring its tab to the foreground") from error
 
 
-def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+def _rotated(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
     """Return v (3,), turned by an angle in rad about a unit vector (3,): Rodrigues' rotation."""
     along = axis * (axis @ v) * (1 - np.cos(angle))
     return v * np.cos(angle) + np.cross(axis, v) * np.sin(angle) + along
 
 
-def _over(image: np.ndarray) -> np.ndarray:
+def _over_grey(image: np.ndarray) -> np.ndarray:
     """Return a picture (h, w, 3) in front of a grey that is nearly white, where `image` (h, w, 4) is transparent."""
     a = image[..., 3:] / 255.0
     return (image[..., :3] * a + _NEARLY_WHITE * (1 - a)).astype(np.uint8)
@@ -132,5 +132,5 @@ def _png(image: np.ndarray) -> bytes:
     from PIL import Image
 
     buffer = io.BytesIO()
-    Image.fromarray(_over(image)).save(buffer, "PNG", optimize=True)
+    Image.fromarray(_over_grey(image)).save(buffer, "PNG", optimize=True)
     return buffer.getvalue()

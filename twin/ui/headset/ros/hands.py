@@ -21,7 +21,7 @@ _SILENCE_TIMEOUT = 5.0
 
 
 @dataclass
-class _Handle:
+class _HandControl:
     """Control of one hand.
 
     Attributes:
@@ -36,7 +36,7 @@ class _Handle:
 
 
 @dataclass
-class _Sender:
+class _ClientInputs:
     """What a client has sent beside poses: its pedals, and the angle of each gripper in rad."""
 
     clutch: bool = False
@@ -66,10 +66,10 @@ class RosHands:
         self.refused = 0
         self.time = time
         self.ended = ended
-        self._handles = [_Handle() for _ in device.hands]
-        self._senders: dict[str, _Sender] = {}
+        self._controls = [_HandControl() for _ in device.hands]
+        self._client_inputs: dict[str, _ClientInputs] = {}
         self._waiting: deque[tuple[str, HandState]] = deque()
-        self._pumped = -math.inf
+        self._last_pump_time = -math.inf
 
     def pose(self, client: str, hand: int, pose: Array) -> str:
         """Accept a pose (4, 4) of a handle in {H} from a client; return why it is refused, else ""."""
@@ -77,8 +77,8 @@ class RosHands:
         if refusal:
             self.refused += 1
             return refusal
-        handle = self._handles[hand]
-        sender = self._sender(client)
+        handle = self._controls[hand]
+        sender = self._inputs_of(client)
         grip = sender.grips.get(hand, 0.0)
         state = HandState(hand, self.clutch, self.camera, handle.number, pose, grip)
         handle.number = (handle.number + 1) % 2**32
@@ -103,22 +103,22 @@ class RosHands:
             return "the camera pedal was pressed with the first pose of the hand; release it once"
         return ""
 
-    def _sender(self, client: str) -> _Sender:
-        return self._senders.setdefault(client, _Sender())
+    def _inputs_of(self, client: str) -> _ClientInputs:
+        return self._client_inputs.setdefault(client, _ClientInputs())
 
     @property
     def clutch(self) -> bool:
         """Whether a client presses the clutch."""
-        return any(sender.clutch for sender in self._senders.values())
+        return any(sender.clutch for sender in self._client_inputs.values())
 
     @property
     def camera(self) -> bool:
         """Whether a client presses the camera pedal."""
-        return any(sender.camera for sender in self._senders.values())
+        return any(sender.camera for sender in self._client_inputs.values())
 
     def press(self, client: str, *, clutch: bool | None = None, camera: bool | None = None) -> None:
         """Press (True) or release (False) the pedals of a client; None: the pedal is unchanged."""
-        sender = self._sender(client)
+        sender = self._inputs_of(client)
         if clutch is not None:
             sender.clutch = clutch
         if camera is not None:
@@ -126,11 +126,11 @@ class RosHands:
 
     def grip(self, client: str, hand: int, angle: float) -> None:
         """Set the angle of a gripper in rad, from the next pose on that the same client sends of the hand."""
-        self._sender(client).grips[hand] = angle
+        self._inputs_of(client).grips[hand] = angle
 
     def client(self, hand: int) -> str | None:
         """Return the client that controls a hand now; None: no client."""
-        handle = self._handles[hand]
+        handle = self._controls[hand]
         # A new attempt at a task begins at time 0.
         if not 0 <= self.time() - handle.heard <= self.device.patience:
             return None
@@ -138,9 +138,9 @@ class RosHands:
 
     def leave(self, client: str) -> None:
         """Forget a client that has disconnected: its hands become silent, its pedals are released."""
-        self._senders.pop(client, None)
+        self._client_inputs.pop(client, None)
         self._waiting = deque(waiting for waiting in self._waiting if waiting[0] != client)
-        for handle in self._handles:
+        for handle in self._controls:
             if handle.client == client:
                 handle.client = None
 
@@ -151,9 +151,9 @@ class RosHands:
         this one. States are dropped if another device has taken the hands since, or a new attempt has begun.
         """
         now = self.time()
-        if self.holder is not None or now < self._pumped:
+        if self.holder is not None or now < self._last_pump_time:
             self._waiting.clear()
-        self._pumped = now
+        self._last_pump_time = now
         share = math.ceil(len(self._waiting) / parts)
         for _ in range(share):
             _, state = self._waiting.popleft()
@@ -162,7 +162,7 @@ class RosHands:
 
     def silent(self, t: float) -> bool:
         """Return whether no pose was accepted in the last `_SILENCE_TIMEOUT` s before time t in s."""
-        latest = max(handle.heard for handle in self._handles)
+        latest = max(handle.heard for handle in self._controls)
         return not 0 <= t - latest <= _SILENCE_TIMEOUT
 
     def senders(self) -> dict[str, str | None]:
