@@ -323,6 +323,14 @@ def test_a_bad_table_is_refused_with_file_line_and_value(name, tmp_path):
     assert f"{name}{BAD[name]}" in str(error.value).replace(f"{name}: ", name)
 
 
+def test_a_column_of_lower_limits_alone_is_told(tmp_path):
+    path = tmp_path / "arm.csv"
+    path.write_text("theta [deg],d [mm],a [mm],alpha [deg],lower\nq1,0,100,0,-90\n")
+    table = read_table(path, DhOptions(convention="standard"))
+    assert table.rows[0].limits is None
+    assert "the column 'lower' is not read, because there is no column of upper limits" in " ".join(table.assumptions)
+
+
 @pytest.mark.parametrize("column", ["offset", "lower", "upper"])
 def test_offsets_and_limits_without_a_unit_are_no_radians(column, tmp_path):
     path = tmp_path / "arm.csv"

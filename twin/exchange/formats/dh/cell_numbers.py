@@ -50,7 +50,6 @@ class CellNumber:
 
 _SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉₊₋ⱼᵢ⁻⁺", "0123456789+-ji-+")
 
-
 _SUPERSCRIPT = re.compile("(?<=[0-9])([⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 """An exponent: 10⁻³. After another sign, as in q⁻, it is a part of a name."""
 
@@ -99,7 +98,6 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
 }
-
 
 _CODE = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
 """Numbers of Python that no paper prints: 1_0, 0x10."""
