@@ -86,7 +86,7 @@ def by_coal(space):
 
     pairs, model = space._pairs, space._model.tree.model
     geometry, ids = pin.GeometryModel(), []
-    for shape, number, T in zip(pairs.shapes, pairs._numbers, pairs._Ts, strict=True):
+    for shape, number, T in zip(pairs.shapes, pairs._joint_numbers, pairs._Ts_joint_shape, strict=True):
         place = pin.SE3(T[:3, :3], T[:3, 3])
         ids.append(geometry.addGeometryObject(pin.GeometryObject(shape.name, int(number), 0, place, shape.model)))
     for a, b in pairs.rows:

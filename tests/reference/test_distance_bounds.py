@@ -68,7 +68,7 @@ def test_a_bound_is_never_on_the_wrong_side_of_the_exact_distance(first, second,
     near = (true > 0.012) & (true < 0.02)
     assert near.any()
     assert np.mean(low[near] > 0) == 1.0, "bounds that are always 0 would also pass"
-    rough, rough_high = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), fine=2 * MM)
+    rough, rough_high = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), smallest_radius=2 * MM)
     assert np.all(rough <= true + 1e-9)
     assert np.all(rough_high >= true - 1e-9)
     refused, reached = bounds.at(poses, row, 0 * row, np.full(len(Ts), 0.02), np.full(len(Ts), 0.01))

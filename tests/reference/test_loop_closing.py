@@ -103,7 +103,7 @@ def test_a_path_is_followed_and_a_path_out_of_reach_is_not():
 def test_states_of_connections_follow_the_paths():
     closing, q = closing_of("sils"), near_home("sils", 30)
     q = q[closing.states(q)[1]]
-    X, ok = closing.each(q[:-1], q[1:], 9)
+    X, ok = closing.straight_paths(q[:-1], q[1:], 9)
     assert ok.any()
     for k in np.flatnonzero(ok)[:5]:
         start, s = closing.states(q[k][None])[0][0], np.linspace(0.0, 1.0, 9)
@@ -119,14 +119,14 @@ def test_a_certain_state_is_kept_for_ever_and_found_again_at_rounded_values(monk
     sure, _ = closing.states(home[None] + 0.1)
     for _ in range(8):
         closing.states(home + rng.uniform(-0.5, 0.5, (20, 1)), thorough=False)
-    np.testing.assert_array_equal(closing.known(home + 0.1), sure[0])
+    np.testing.assert_array_equal(closing.stored(home + 0.1), sure[0])
     assert len(closing._q) <= 50 + 20 + 2
     goals = home + rng.uniform(-0.5, 0.5, (40, 1))
     closing.states(goals)
     ends = np.array([line(home, goal)(np.ones(1))[0] for goal in goals])
     assert (ends != goals).any(), "rounding must matter"
-    assert all(closing.known(end) is not None for end in ends)
-    assert closing.known(goals[0] + 1e-6) is None
+    assert all(closing.stored(end) is not None for end in ends)
+    assert closing.stored(goals[0] + 1e-6) is None
 
 
 def test_two_loops_that_change_their_modes_together_are_noticed():

@@ -15,7 +15,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.path import Path
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, between
-from twin.reference.clearance_certificate import Certificate
+from twin.reference.path_clearance import Certificate
 
 _INSTANTS = 201
 """Largest number of instants at which the distances between the arms are computed."""

@@ -26,7 +26,7 @@ _HALVINGS = 8
 
 
 class PathCertificate(Interface):
-    """Distance between bodies along a path; `twin.reference.clearance_certificate.Certificate` has these attributes."""
+    """Distance between bodies along a path; `twin.reference.path_clearance.Certificate` has these attributes."""
 
     @property
     def proven(self) -> float:

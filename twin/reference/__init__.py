@@ -12,7 +12,7 @@ The modules:
 - checks of equations and drawing: `margin_zeros` with `newton_walks` (reach margins and singularity measures),
   `joint_range` (states all over the range), `mating` (joints of the CAD), `sensitivity` (rounded frames)
 - forces: `inertia`, `dynamics`, `holding_efforts`
-- distances: `clearance` along a motion and its proof, `clearance_certificate`; for a search of paths, `joint_space`
+- distances: `clearance` along a motion and its proof, `path_clearance`; for a search of paths, `joint_space`
   with `collision_pairs`, `obstacles` and `relative_motion`, and `distance_bounds` with `distance_lookup`
 """
 

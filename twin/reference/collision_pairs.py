@@ -26,7 +26,7 @@ from twin.reference.relative_motion import Levers, Reach
 _HULL_DISTANCE_ERROR = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
 
-SEARCHED = 2 * MM
+SEARCH_BALL_RADIUS = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller balls."""
 
 _MOST_STORED_TURNS = 3
@@ -78,9 +78,9 @@ class CollisionPairs:
         """
         self._tree = model.tree
         self._clearance = clearance
-        neighbours = unjointed_pairs(model.mechanism)
+        own_pairs = unjointed_pairs(model.mechanism)
         obstacles = [obstacle for obstacle in obstacles if obstacle.body.meshes]
-        own_shapes = self._own_shapes(model, neighbours, bool(obstacles))
+        own_shapes = self._own_shapes(model, own_pairs, has_obstacles=bool(obstacles))
         self.shapes = list(own_shapes.values())
         numbers = []
         Ts = []
@@ -92,13 +92,13 @@ class CollisionPairs:
             self.shapes.append(Shape(obstacle.name, obstacle.name, obstacle.body.meshes))
             numbers.append(0)
             Ts.append(obstacle.T_base_body)
-        self._numbers = np.array(numbers, int)
-        self._Ts = np.array(Ts).reshape(-1, 4, 4)
+        self._joint_numbers = np.array(numbers, int)
+        self._Ts_joint_shape = np.array(Ts).reshape(-1, 4, 4)
 
-        moves = [self._tree.moves(number) for number in self._numbers]
+        moves = [self._tree.moves(number) for number in self._joint_numbers]
         rows: list[tuple[int, int]] = []
         required: list[float] = []
-        for a, b, distance in self._possible_pairs(model, neighbours, obstacles, arms, len(own_shapes)):
+        for a, b, distance in self._possible_pairs(model, own_pairs, obstacles, arms, len(own_shapes)):
             # two bodies that the same coordinates move are at rest relative to each other
             if (moves[a] != moves[b]).any():
                 rows.append((a, b))
@@ -107,7 +107,7 @@ class CollisionPairs:
         self.required = np.array(required)
 
         placed_boxes = []
-        for shape, number, T in zip(self.shapes, self._numbers, self._Ts, strict=True):
+        for shape, number, T in zip(self.shapes, self._joint_numbers, self._Ts_joint_shape, strict=True):
             # a body is inside its bounding box, so the corners' distance from an axis is an upper bound
             corners = shape.corners @ T[:3, :3].T + T[:3, 3]
             placed_boxes.append((int(number), corners))
@@ -123,21 +123,23 @@ class CollisionPairs:
             highest = shape.corners[-1]
             diagonals.append(highest - lowest)
             sums.append(highest + lowest)
-        self._half = np.array(diagonals).reshape(-1, 3) / 2
-        self._middle = np.array(sums).reshape(-1, 3) / 2
-        self._radii = np.linalg.norm(self._half, axis=1)
+        self._half_edges = np.array(diagonals).reshape(-1, 3) / 2
+        self._middles = np.array(sums).reshape(-1, 3) / 2
+        self._radii = np.linalg.norm(self._half_edges, axis=1)
         self.bounds = Bounds([shape.triangles for shape in self.shapes], self.rows)
         self._cells: dict[tuple[int, ...], bool] = {}
-        self._turns = self._few_turns(moves)
+        self._turns = self._pairs_with_few_turns(moves)
 
     @staticmethod
-    def _own_shapes(model: ReferenceModel, neighbours: Sequence[tuple[Shape, Shape]], all_: bool) -> dict[str, Shape]:
-        """Return the shapes of the mechanism that are in `neighbours`, by name; with `all_`, of all its bodies."""
+    def _own_shapes(
+        model: ReferenceModel, own_pairs: Sequence[tuple[Shape, Shape]], *, has_obstacles: bool
+    ) -> dict[str, Shape]:
+        """Return {body: its shape} of the bodies in `own_pairs`; of all bodies if obstacles can be near any of them."""
         shapes: dict[str, Shape] = {}
-        for a, b in neighbours:
+        for a, b in own_pairs:
             shapes[a.name] = a
             shapes[b.name] = b
-        if all_:
+        if has_obstacles:
             for body in model.mechanism.bodies:
                 if body.meshes and body.name not in shapes:
                     shapes[body.name] = Shape(body.name, body.name, body.meshes)
@@ -146,7 +148,7 @@ class CollisionPairs:
     def _possible_pairs(
         self,
         model: ReferenceModel,
-        neighbours: Sequence[tuple[Shape, Shape]],
+        own_pairs: Sequence[tuple[Shape, Shape]],
         obstacles: Sequence[Obstacle],
         arms: Mapping[str, str],
         count: int,
@@ -157,7 +159,7 @@ class CollisionPairs:
         """
         row = {shape.name: i for i, shape in enumerate(self.shapes)}
         home = model.home().link_poses
-        for a, b in neighbours:
+        for a, b in own_pairs:
             required = self._clearance
             if arms.get(a.name) == arms.get(b.name):
                 rest_distance = distance_between(a, b, home[a.body], home[b.body])
@@ -168,10 +170,10 @@ class CollisionPairs:
         for obstacle in obstacles:
             for i in range(count):
                 # bodies at rest cannot approach an obstacle
-                if self._numbers[i] and self.shapes[i].name not in obstacle.touches:
+                if self._joint_numbers[i] and self.shapes[i].name not in obstacle.touches:
                     yield i, row[obstacle.name], self._clearance
 
-    def _few_turns(self, moves: Sequence[Array]) -> dict[int, tuple[np.ndarray, Array]]:
+    def _pairs_with_few_turns(self, moves: Sequence[Array]) -> dict[int, tuple[np.ndarray, Array]]:
         """Return the pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)."""
         nq = self._tree.model.nq
         nv = self._tree.model.nv
@@ -202,14 +204,14 @@ class CollisionPairs:
     def poses(self, X: Array) -> Array:
         """Return T_base_shape (k, shapes, 4, 4) at configurations (k, nq)."""
         joints = self._tree.place(X)
-        return joints[:, self._numbers] @ self._Ts
+        return joints[:, self._joint_numbers] @ self._Ts_joint_shape
 
     @cached_property
     def levers(self) -> Levers | None:
         """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor spherical."""
         if not Levers.possible(self._tree):
             return None
-        return Levers(self._tree, self._numbers, self.rows)
+        return Levers(self._tree, self._joint_numbers, self.rows)
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
         """Return (`poses(X)`, bounds (k, pairs) in m of the relative motion of each pair) around X (k, nq).
@@ -219,7 +221,7 @@ class CollisionPairs:
             moved: (k, nv) largest motion of each coordinate from X, in m or rad.
         """
         joints = self._tree.place(X)
-        poses = joints[:, self._numbers] @ self._Ts
+        poses = joints[:, self._joint_numbers] @ self._Ts_joint_shape
         if self.levers is None:
             bounds = self.reach.bounds(X, moved.max(axis=0))
             return poses, np.einsum("kj,pj->kp", moved, bounds)
@@ -229,8 +231,8 @@ class CollisionPairs:
     def _boxes(self, poses: Array) -> tuple[Array, Array]:
         """Return centres and half edges (shapes, 3, k) in m of boxes along the axes of base around the shapes."""
         T = np.ascontiguousarray(np.moveaxis(poses[:, :, :3], 0, -1))  # numpy is fast along the last axis
-        m = self._middle[:, None, :, None]
-        h = self._half[:, None, :, None]
+        m = self._middles[:, None, :, None]
+        h = self._half_edges[:, None, :, None]
         centres = T[:, :, 0] * m[:, :, 0] + T[:, :, 1] * m[:, :, 1] + T[:, :, 2] * m[:, :, 2] + T[:, :, 3]
         R = np.abs(T[:, :, :3])
         half_edges = R[:, :, 0] * h[:, :, 0] + R[:, :, 1] * h[:, :, 1] + R[:, :, 2] * h[:, :, 2]
@@ -326,10 +328,10 @@ class CollisionPairs:
         """
         required = self.required[pairs]
         seems_near = (low + high) / 2 < required
-        wide = ~seems_near & (low <= 0) & (required >= self._clearance)
+        is_open = ~seems_near & (low <= 0) & (required >= self._clearance)
         possible = matter.copy()
         possible[states[seems_near]] = False
-        for i in np.flatnonzero(wide):
+        for i in np.flatnonzero(is_open):
             k = int(states[i])
             if not possible[k]:
                 continue
@@ -352,10 +354,10 @@ class CollisionPairs:
         states = states[close]
         pairs = pairs[close]
         required = self.required[pairs]
-        fine = 0.0
+        smallest_radius = 0.0
         if not exact:
-            fine = SEARCHED
-        low, high = self.bounds.at(poses, states, pairs, required, required, fine)
+            smallest_radius = SEARCH_BALL_RADIUS
+        low, high = self.bounds.at(poses, states, pairs, required, required, smallest_radius)
         is_near[states[high < required]] = True
         if not exact:
             seems_near = self.seem_near(X, poses, states, pairs, low, high, ~is_near)

@@ -38,8 +38,11 @@ _ACCURATE_CELLS = 3
 _MOST_HALVINGS = 12
 """Maximum number of times that a surface is halved to get smaller balls."""
 
-_SMALLEST_BALL = 1 / 250
+_SMALLEST_BALL_SHARE = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
+
+_SMALLEST_BALL_RADIUS = 0.1 * MM
+"""Radius of the smallest balls in m, however small the surface."""
 
 _MOST_TRIANGLES = 1_500_000
 """Maximum number of triangles after division. If this is too few, triangles stay larger and bounds are less tight."""
@@ -47,23 +50,32 @@ _MOST_TRIANGLES = 1_500_000
 _MOST_CACHED_FILES = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
 
+_ROUNDING = 1e-6
+"""Margin in m of the errors of a grid, above the rounding of its values to single precision."""
+
+_FLOAT32_ROUNDING = 1e-6
+"""Fraction by which a stored value is decreased: it exceeds the rounding to single precision."""
+
+_RADIUS_MARGIN = 1 + 1e-9
+"""Factor by which the radius of a ball is increased, because it is rounded."""
+
 _CACHE_VERSION = 3
 """Version of the method that makes grids and balls; cached files of another version are not used."""
 
 
 def divided(triangles: Array, edge: float) -> Array:
     """Return triangles (k, 3, 3) divided at their longest edges until no edge is longer than `edge`."""
-    small = []
+    short_triangles = []
     total = 0
     while len(triangles):
         sides = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
-        long = sides.max(axis=1) > edge
-        small.append(triangles[~long])
-        total += len(small[-1])
-        triangles = triangles[long]
-        sides = sides[long]
+        is_long = sides.max(axis=1) > edge
+        short_triangles.append(triangles[~is_long])
+        total += len(short_triangles[-1])
+        triangles = triangles[is_long]
+        sides = sides[is_long]
         if total + 2 * len(triangles) > _MOST_TRIANGLES:
-            small.append(triangles)
+            short_triangles.append(triangles)
             break
         # the longest edge is that from a to b
         i = np.argmax(sides, axis=1)
@@ -75,10 +87,10 @@ def divided(triangles: Array, edge: float) -> Array:
         first = np.stack([a, middle, c], axis=1)
         second = np.stack([middle, b, c], axis=1)
         triangles = np.concatenate([first, second])
-    return np.concatenate(small)
+    return np.concatenate(short_triangles)
 
 
-def _radius(triangles: Array) -> float:
+def _smallest_radius_by_area(triangles: Array) -> float:
     """Return the approximate radius in m of the smallest balls of the surface of triangles (k, 3, 3)."""
     sides = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(sides[:, 0], sides[:, 1])
@@ -103,8 +115,10 @@ def balls(triangles: Array) -> Array:
     after the subtree of the ball.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    small = max(extent * _SMALLEST_BALL, 0.1 * MM)
-    pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
+    smallest_radius = max(extent * _SMALLEST_BALL_SHARE, _SMALLEST_BALL_RADIUS)
+    pieces = divided(
+        triangles, max(2 * smallest_radius, _smallest_radius_by_area(triangles))
+    )  # smaller pieces would have no effect
     # The ball `number` has the halves `2 number` and `2 number + 1`; `number` (pieces,) is that of each piece's ball.
     number = np.ones(len(pieces), np.int64)
     ball_of_piece: dict[int, tuple[float, ...]] = {}
@@ -120,10 +134,10 @@ def balls(triangles: Array) -> Array:
         distances = np.linalg.norm(pieces - middle[part_of_piece][:, None], axis=2).max(axis=1)
         radii = np.maximum.reduceat(distances, first)
         for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
-            ball_of_piece[part] = (*centre, radius * (1 + 1e-9))
+            ball_of_piece[part] = (*centre, radius * _RADIUS_MARGIN)
         if depth == _MOST_HALVINGS:
             break
-        halved = ((radii > small) & (sizes > 1))[part_of_piece]
+        halved = ((radii > smallest_radius) & (sizes > 1))[part_of_piece]
         if not halved.any():
             break
         side = _halves(pieces, first, sizes, part_of_piece, np.argmax(high - low, axis=1))
@@ -181,11 +195,11 @@ class DistanceGrid:
         start: (3,) first node in m.
         cell: edge of a cell in m.
         low, high: (3,) corners of the bounding box of the surface in m.
-        error: maximum in m of (distance of a node from the surface minus stored value), for stored values below
-            `known`.
-        known: stored value in m below which `error` applies.
-        far: maximum in m of (distance of a node from the surface minus stored value), for stored values of at least
-            `known`.
+        near_error: maximum in m of (distance of a node from the surface minus stored value), for stored values below
+            `accurate_below`.
+        accurate_below: stored value in m below which `near_error` applies.
+        far_error: maximum in m of (distance of a node from the surface minus stored value), for stored values of at
+            least `accurate_below`.
     """
 
     values: np.ndarray
@@ -193,9 +207,9 @@ class DistanceGrid:
     cell: float
     low: Array
     high: Array
-    error: float
-    known: float
-    far: float
+    near_error: float
+    accurate_below: float
+    far_error: float
 
     @staticmethod
     def of(triangles: Array) -> DistanceGrid:
@@ -223,20 +237,21 @@ class DistanceGrid:
         tree = KDTree(middles, balanced_tree=False, compact_nodes=False)
         distance, _ = tree.query(start + band_nodes * cell, workers=1)
         values[tuple(band_nodes.T)] = np.maximum(distance - spread, 0.0)
-        # values of nodes beyond the band are at least `known`
-        known = max(_ACCURATE_CELLS * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
-        far = np.sqrt(3) * cell + spread + 1e-6
+        # values of nodes beyond the band are at least this
+        accurate_below = max(_ACCURATE_CELLS * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
+        near_error = spread + _ROUNDING
+        far_error = np.sqrt(3) * cell + spread + _ROUNDING
         # a lower bound must remain one after rounding to float32
-        rounded = values.astype(np.float32) * np.float32(1 - 1e-6)
-        return DistanceGrid(rounded, start, cell, low, high, spread + 1e-6, known, far)
+        rounded = values.astype(np.float32) * np.float32(1 - _FLOAT32_ROUNDING)
+        return DistanceGrid(rounded, start, cell, low, high, near_error, accurate_below, far_error)
 
 
 def grid_of(triangles: Array) -> DistanceGrid:
-    """Return `Grid.of(triangles)`, from the cache if it is there."""
+    """Return `DistanceGrid.of(triangles)`, from the cache if it is there."""
 
     def make() -> dict[str, np.ndarray]:
         grid = DistanceGrid.of(triangles)
-        bounds = [grid.error, grid.known, grid.far]
+        bounds = [grid.near_error, grid.accurate_below, grid.far_error]
         numbers = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, bounds])
         return {"values": grid.values, "rest": numbers}
 
@@ -248,9 +263,9 @@ def grid_of(triangles: Array) -> DistanceGrid:
         cell=numbers[3],
         low=numbers[4:7],
         high=numbers[7:10],
-        error=numbers[10],
-        known=numbers[11],
-        far=numbers[12],
+        near_error=numbers[10],
+        accurate_below=numbers[11],
+        far_error=numbers[12],
     )
 
 
@@ -317,15 +332,15 @@ class Bounds:
         radii = np.zeros(len(triangles))
         for i, corners in enumerate(triangles):
             cells[i] = _cell(corners)
-            radii[i] = _radius(corners)
+            radii[i] = _smallest_radius_by_area(corners)
         a, b = pairs.T
         swapped = cells[a] / 2 + radii[b] > cells[b] / 2 + radii[a]
         self._pairs = np.where(swapped[:, None], pairs[:, ::-1], pairs)
         self._triangles = triangles
-        self._ready = np.zeros(len(pairs), bool)
-        # by index of the shape: the row of its grid; the first row of its balls, and the row after the last
-        self._grid: dict[int, int] = {}
-        self._cover: dict[int, tuple[int, int]] = {}
+        self._is_loaded = np.zeros(len(pairs), bool)
+        # {index of a shape: the row of its grid}, and {index of a shape: (first row of its balls, row after the last)}
+        self._grid_row: dict[int, int] = {}
+        self._ball_rows: dict[int, tuple[int, int]] = {}
         # the numbers that the machine code reads; see `distance_lookup`
         self._grids = np.zeros((0, GRID))
         self._balls = np.zeros((0, BALL))
@@ -334,16 +349,16 @@ class Bounds:
 
     def load(self, pairs: np.ndarray) -> None:
         """Load the grids and balls of `pairs` (n,) from the cache, or make them, before `at` requires them."""
-        new = np.unique(pairs[~self._ready[pairs]])
+        new = np.unique(pairs[~self._is_loaded[pairs]])
         with_grid = np.unique(self._pairs[new, 0])
         with_balls = np.unique(self._pairs[new, 1])
         self._load_grids(with_grid.tolist())
         self._load_balls(with_balls.tolist())
         for pair in new:
             a, b = self._pairs[pair].tolist()
-            first, last = self._cover[b]
-            self._table[pair] = (len(self._triangles), a, b, self._grid[a], first, last)
-        self._ready[new] = True
+            first, last = self._ball_rows[b]
+            self._table[pair] = (len(self._triangles), a, b, self._grid_row[a], first, last)
+        self._is_loaded[new] = True
 
     def _load_grids(self, shapes: list[int]) -> None:
         """Append the grids of `shapes` that are not loaded to the arrays of the machine code."""
@@ -351,10 +366,10 @@ class Bounds:
         values = [self._values]
         size = len(self._values)
         for n in shapes:
-            if n in self._grid:
+            if n in self._grid_row:
                 continue
             grid = grid_of(self._triangles[n])
-            self._grid[n] = len(self._grid)
+            self._grid_row[n] = len(self._grid_row)
             shape = np.array(grid.values.shape)
             numbers = [
                 grid.start,
@@ -363,7 +378,7 @@ class Bounds:
                 [shape[1] * shape[2], shape[2], size],
                 grid.low,
                 grid.high,
-                [grid.error, grid.known, grid.far],
+                [grid.near_error, grid.accurate_below, grid.far_error],
             ]
             grids.append(np.concatenate(numbers)[None])
             values.append(grid.values.ravel())
@@ -376,10 +391,10 @@ class Bounds:
         covers = [self._balls]
         count = len(self._balls)
         for n in shapes:
-            if n in self._cover:
+            if n in self._ball_rows:
                 continue
             cover = balls_of(self._triangles[n])
-            self._cover[n] = (count, count + len(cover))
+            self._ball_rows[n] = (count, count + len(cover))
             # the index of the ball after the subtree counts all balls before
             covers.append(cover + np.array([0, 0, 0, 0, count]))
             count += len(cover)
@@ -392,7 +407,7 @@ class Bounds:
         pairs: np.ndarray,
         enough: Array,
         reject: Array | None = None,
-        fine: float = 0.0,
+        smallest_radius: float = 0.0,
     ) -> tuple[Array, Array]:
         """Return (lower bounds (n,), upper bounds (n,)) in m of the distances of `pairs` (n,) in `states` (n,).
 
@@ -403,9 +418,9 @@ class Bounds:
             enough: (n,) in m; a lower bound that reaches this value is not improved, and the upper bound may then be
                 infinite.
             reject: (n,) in m; where the upper bound is below this value, the lower bound is 0. None: 0 for all pairs.
-            fine: radius in m; balls of at most this radius are not replaced by smaller balls.
+            smallest_radius: in m; balls of at most this radius are not replaced by smaller balls.
         """
-        if not self._ready[pairs].all():
+        if not self._is_loaded[pairs].all():
             self.load(pairs)
         if reject is None:
             reject = np.zeros(len(states))
@@ -415,7 +430,7 @@ class Bounds:
             pairs,
             enough,
             reject,
-            np.full(len(states), fine),
+            np.full(len(states), smallest_radius),
             table=self._table,
             grids=self._grids,
             values=self._values,

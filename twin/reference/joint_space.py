@@ -1,12 +1,11 @@
 """The joint space of a mechanism: joint limits, and joint values at which its bodies do not collide.
 
-A path q(s) is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of
-bodies is tested. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
-bodies in half of the interval (`relative_motion`); otherwise the interval is halved.
+`JointSpace` joins what a search of paths needs: limits of driven and passive joints, closed loops (`loop_closing`), and
+distances of bodies at states (`collision_pairs`) and along paths (`path_clearance`). A path q(s) is checked as a whole:
 
-For most intervals, bounds of the distance are sufficient (`collision_pairs`). If the bounds are not sufficient and the
-remaining motion is small, coal tests whether the meshes are nearer than this motion. The test is much faster than a
-computation of the distance.
+1. It is within limits, and its *stations*, states with closed loops in small steps, are allowed and free of collisions.
+2. Between stations, the motion of each coordinate is bounded by its speeds.
+3. With these bounds, no pair of bodies can come near in any interval of s.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
 from twin.model.mechanism import Mechanism
-from twin.reference.clearance_certificate import Certificate, Stations, certify, nearest
-from twin.reference.collision_pairs import SEARCHED, CollisionPairs, Obstacle
+from twin.reference.collision_pairs import SEARCH_BALL_RADIUS, CollisionPairs, Obstacle
 from twin.reference.joint_range import within_limits
 from twin.reference.loop_closing import Closing
 from twin.reference.model import ReferenceModel
+from twin.reference.path_clearance import Certificate, PathBatch, Stations, are_clear, certify, nearest
 
 _ANGLE_LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
@@ -52,15 +51,6 @@ _PASSIVE_SPEED_FACTOR = 1.5
 
 _SAME_POSITION = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
-
-_HALVINGS_AT_ONCE = 2
-"""Number of halvings of an interval at once: few large batches are faster than many small ones."""
-
-_MESH_MARGIN = 3.0
-"""Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
-
-_SEARCH_MOTION = 6 * MM
-"""In a search: largest relative motion in m of two bodies from a tested state. A found path is tested completely."""
 
 _BLOCK = 2048
 """Number of states whose distances are computed together."""
@@ -149,7 +139,7 @@ class JointSpace:
         return Closing(self._model, self.weights)
 
     @property
-    def _loops(self) -> bool:
+    def _has_loops(self) -> bool:
         return self._closing.linear is None
 
     # -- the interface for searches -------------------------------------------------------------------
@@ -235,7 +225,7 @@ class JointSpace:
             states = states[is_near]
             pair = pair[is_near]
             enough = np.full(len(pair), most)
-            low, _ = self._pairs.bounds.at(poses, states, pair, enough, fine=SEARCHED)
+            low, _ = self._pairs.bounds.at(poses, states, pair, enough, smallest_radius=SEARCH_BALL_RADIUS)
             np.minimum.at(bounds, first + states, low)
             bounds[block][~closed] = 0.0
         return bounds
@@ -264,7 +254,7 @@ class JointSpace:
         stations = self._stations(path)
         if stations is None:
             return False
-        return self._clear(stations)
+        return self._is_clear(stations)
 
     def why(self, q: Array) -> str:
         """Return why joint values q (n,) are not free, with numbers; "" if they are free."""
@@ -376,7 +366,7 @@ class JointSpace:
         """Return configurations (k, nq) at joint values q (k, n) of a mechanism without loops."""
         return self._closing.placed(q)
 
-    def _count(self, path: Callable[..., Array]) -> int:
+    def _station_count(self, path: Callable[..., Array]) -> int:
         """Return the number of stations of a path; between them, no driven joint moves more than its step."""
         coarse = path(np.linspace(0.0, 1.0, _COARSE_INTERVALS + 1))
         strides = np.abs(np.diff(coarse, axis=0)) / self._steps
@@ -391,26 +381,26 @@ class JointSpace:
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
         """Return the stations of a path; None if limits are exceeded, a state is not allowed, or the loops open."""
-        fine = np.linspace(0.0, 1.0, _INTERVALS + 1)
-        q = path(fine)
+        s_of_intervals = np.linspace(0.0, 1.0, _INTERVALS + 1)
+        q = path(s_of_intervals)
         if not self._within(q).all():
             return None
-        rates = np.abs(path(fine, 1))
-        if not self._loops:
+        rates = np.abs(path(s_of_intervals, 1))
+        if not self._has_loops:
             fastest = (rates / self._steps).max()
-            every = max(1, int(1 / max(fastest, 1.0) * _INTERVALS))
-            s = fine[::every]
-            X = self._placed(q[::every])
+            intervals_per_station = max(1, int(1 / max(fastest, 1.0) * _INTERVALS))
+            s = s_of_intervals[::intervals_per_station]
+            X = self._placed(q[::intervals_per_station])
             speeds = rates @ np.abs(self._gain).T
-            speeds_at = fine
+            speeds_at = s_of_intervals
             factor = _SPEED_FACTOR
         else:
             x = self._state(q[0])
             if x is None:
                 return None
-            s = np.linspace(0.0, 1.0, self._count(path))
+            s = np.linspace(0.0, 1.0, self._station_count(path))
             X = self._closing.along(path, x, s, self._check)
-            if X is None or not self._same(X[-1], q[-1]):
+            if X is None or not self._is_same_mode(X[-1], q[-1]):
                 return None
             speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), path(s, 1)))
             speeds_at = s
@@ -418,16 +408,16 @@ class JointSpace:
         if not self._allowed(X, path(s)).all():
             return None
         fastest = np.maximum(speeds[1:], speeds[:-1])
-        cells = factor * fastest * np.diff(speeds_at)[:, None]
-        start = np.zeros((1, cells.shape[1]))
-        travel = np.concatenate([start, np.cumsum(cells, axis=0)])
+        step_lengths = factor * fastest * np.diff(speeds_at)[:, None]
+        start = np.zeros((1, step_lengths.shape[1]))
+        travel = np.concatenate([start, np.cumsum(step_lengths, axis=0)])
         return Stations(path, self._closing, s, X, speeds_at, travel)
 
-    def _same(self, x: Array, q: Array) -> bool:
+    def _is_same_mode(self, x: Array, q: Array) -> bool:
         """Return whether x is in the assembly mode of the state stored for q; if none is stored, store x."""
-        x_known = self._closing.known(q)
+        x_known = self._closing.stored(q)
         if x_known is None:
-            self._closing.keep(q[None], x[None])
+            self._closing.store(q[None], x[None])
             return True
         a, b = self._pairs.poses(np.array([x, x_known]))
         shifts = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
@@ -435,103 +425,19 @@ class JointSpace:
 
     # -- distances ------------------------------------------------------------------------------------
 
-    def _clear(self, stations: Stations) -> bool:
+    def _is_clear(self, stations: Stations) -> bool:
         """Return whether all pairs have the required distance at the tested s, and half of this distance at all s."""
         if len(self._pairs) and self._pairs.near(stations.X).any():
             return False
 
-        def at(path: np.ndarray, s: Array) -> Array | None:
+        def configurations(path: np.ndarray, s: Array) -> Array | None:
             return stations.at(s)
 
-        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
+        def motion(path: np.ndarray, s: Array, width: float) -> Array:
             return stations.ahead(s, width)
 
-        (clear,) = self._clear_each(1, at, ahead)
-        return bool(clear)
-
-    def _clear_each(
-        self,
-        count: int,
-        at: Callable[[np.ndarray, Array], Array | None],
-        ahead: Callable[[np.ndarray, Array, float], Array],
-        *,
-        exact: bool = True,
-    ) -> np.ndarray:
-        """Return (count,) bool: whether all pairs have the required distance at the tested s, and half of it at all s.
-
-        If `exact` is False, distances that the bounds do not decide are judged by `CollisionPairs.seem_near`.
-
-        Args:
-            count: number of paths.
-            at: function of path (k,) and s (k,): configurations (k, nq), or None if loops open.
-            ahead: function of path (k,), s (k,) and width: (k, nv), largest motion of each coordinate from s to both
-                ends of an interval of this width around s.
-            exact: whether exact distances decide where bounds do not.
-        """
-        pairs = self._pairs
-        is_clear = np.ones(count, bool)
-        fine = 0.0
-        if not exact:
-            fine = SEARCHED
-        halves = 2**_HALVINGS_AT_ONCE
-        # items: one pair in one interval of one path; `place` is the number of the interval, of 2**level
-        path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
-        place = np.zeros(len(path), int)
-        level = 0
-        while len(path):
-            self._check()
-            width = 0.5**level
-            keys, row = np.unique(path * 2**level + place, return_inverse=True)
-            paths = keys >> level
-            places = keys & (2**level - 1)
-            middles = (places + 0.5) * width
-            X = at(paths, middles)
-            if X is None:
-                return np.zeros(count, bool)
-            poses, approaches = pairs.around(X, ahead(paths, middles, width))
-            required = pairs.required[pair]
-            approach = approaches[row, pair]
-            margin = np.maximum(required, required / 2 + approach)
-            unsure = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
-            low, high = pairs.bounds.at(poses, row[unsure], pair[unsure], margin[unsure], required[unsure], fine)
-            if exact:
-                is_near = high < required[unsure]
-            else:
-                is_near = pairs.seem_near(X, poses, row[unsure], pair[unsure], low, high, is_clear[paths])
-            is_clear[path[unsure[is_near]]] = False
-            unsure = unsure[(low < margin[unsure]) & is_clear[path[unsure]]]
-            if not exact:
-                split = unsure[approach[unsure] > _SEARCH_MOTION].tolist()
-            else:
-                split = []
-                # where the bounds do not decide and the interval is short, exact distances do
-                for i in unsure:
-                    self._check()
-                    if not is_clear[path[i]]:
-                        continue
-                    p = int(pair[i])
-                    T = poses[row[i]]
-                    if margin[i] <= required[i]:
-                        x = X[row[i]]
-                        is_clear[path[i]] = not pairs.closer(p, x[None], T[None])[0]
-                        continue
-                    if self._is_undecided_by_meshes(p, T, float(margin[i])):
-                        split.append(i)
-            unsure = np.array(split, int)
-            unsure = unsure[is_clear[path[unsure]]]  # a path that was found too near needs no further test
-            path = np.repeat(path[unsure], halves)
-            pair = np.repeat(pair[unsure], halves)
-            place = (place[unsure, None] * halves + np.arange(halves)).ravel()
-            level += _HALVINGS_AT_ONCE
-        return is_clear
-
-    def _is_undecided_by_meshes(self, pair: int, poses: Array, margin: float) -> bool:
-        """Return whether the meshes at shape poses (shapes, 4, 4) do not show that a pair is `margin` in m apart."""
-        pairs = self._pairs
-        # coal is slow for a large margin, and for close meshes: shorter intervals need a smaller one
-        if margin > _MESH_MARGIN * float(pairs.required[pair]) or pairs.celled(pair):
-            return True
-        return pairs.nearer(pair, poses, margin)
+        (is_clear,) = are_clear(PathBatch(1, configurations, motion), self._pairs, self._check)
+        return bool(is_clear)
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
@@ -543,7 +449,7 @@ class JointSpace:
         b = np.asarray(b, float)
         if not len(a):
             return np.zeros(0, bool)
-        if self._loops:
+        if self._has_loops:
             return self._free_each_closed(a, b)
         is_free = self._within(a) & self._within(b)
         is_free[is_free] = self._allowed_between(a[is_free], b[is_free])
@@ -551,15 +457,16 @@ class JointSpace:
         step = (b - a)[is_free]
         if not len(self._pairs) or not len(first):
             return is_free
-        moved = np.abs(step @ self._gain.T)
+        travel = np.abs(step @ self._gain.T)
 
-        def at(path: np.ndarray, s: Array) -> Array:
+        def configurations(path: np.ndarray, s: Array) -> Array:
             return self._placed(first[path] + s[:, None] * step[path])
 
-        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
-            return width / 2 * moved[path]
+        def motion(path: np.ndarray, s: Array, width: float) -> Array:
+            return width / 2 * travel[path]
 
-        is_free[is_free] = self._clear_each(len(first), at, ahead, exact=False)
+        paths = PathBatch(len(first), configurations, motion)
+        is_free[is_free] = are_clear(paths, self._pairs, self._check, exact=False)
         return is_free
 
     def _allowed_between(self, a: Array, b: Array) -> np.ndarray:
@@ -585,7 +492,7 @@ class JointSpace:
         strides = np.abs(b - a) / self._steps
         count = max(int(np.ceil(strides.max())) + 1, 2)  # 2 also if all have no length
         intervals = count - 1
-        stations, is_free = self._closing.each(a, b, count)
+        stations, is_free = self._closing.straight_paths(a, b, count)
         is_free &= self._within(a) & self._within(b)
         rows = np.flatnonzero(is_free)
         if not len(rows):
@@ -601,27 +508,29 @@ class JointSpace:
         speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), rates))
         speeds = speeds.reshape(-1, count, nv)
         fastest = np.maximum(speeds[:, 1:], speeds[:, :-1])
-        cells = _PASSIVE_SPEED_FACTOR / intervals * fastest
-        moved = np.concatenate([np.zeros_like(cells[:, :1]), np.cumsum(cells, axis=1)], axis=1)
+        step_lengths = _PASSIVE_SPEED_FACTOR / intervals * fastest
+        start = np.zeros_like(step_lengths[:, :1])
+        travel = np.concatenate([start, np.cumsum(step_lengths, axis=1)], axis=1)  # at the stations
 
-        def until(path: np.ndarray, s: Array) -> Array:
+        def travel_until(path: np.ndarray, s: Array) -> Array:
             i = np.minimum((s * intervals).astype(int), count - 2)
             part = (s * intervals - i)[:, None]
-            return (1 - part) * moved[path, i] + part * moved[path, i + 1]
+            return (1 - part) * travel[path, i] + part * travel[path, i + 1]
 
-        def at(path: np.ndarray, s: Array) -> Array:
+        def configurations(path: np.ndarray, s: Array) -> Array:
             i = np.minimum((s * intervals).astype(int), count - 2)
             row = path * count + i
             return self._closing.between(X[row], X[row + 1], s * intervals - i)
 
-        def ahead(path: np.ndarray, s: Array, width: float) -> Array:
-            low = until(path, s - 0.5 * width)
-            middle = until(path, s)
-            high = until(path, s + 0.5 * width)
+        def motion(path: np.ndarray, s: Array, width: float) -> Array:
+            low = travel_until(path, s - 0.5 * width)
+            middle = travel_until(path, s)
+            high = travel_until(path, s + 0.5 * width)
             return np.maximum(high - middle, middle - low)
 
         if len(self._pairs):
-            allowed = allowed & self._clear_each(len(rows), at, ahead, exact=False)
+            paths = PathBatch(len(rows), configurations, motion)
+            allowed = allowed & are_clear(paths, self._pairs, self._check, exact=False)
         is_free[rows] = allowed
         return is_free
 
@@ -635,7 +544,7 @@ class JointSpace:
     # -- the certificate ------------------------------------------------------------------------------
 
     def certify(self, path: Callable[..., Array], within: float = 0.5 * MM) -> Certificate:
-        """Return a proven lower bound of the distance between bodies along a whole path (`clearance_certificate`).
+        """Return a proven lower bound of the distance between bodies along a whole path (`path_clearance`).
 
         Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included:
         for them, `free_along` requires half of their distance in the rest poses.

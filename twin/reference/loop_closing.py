@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import cast
 
 import numpy as np
 from scipy.linalg import qr
@@ -51,6 +51,15 @@ _SEARCH_COST = 1e-14
 _RATE_DAMPING = 1e-12
 """Damping of the linear equations of the rates, relative to the mean diagonal of the matrix; see `newton`."""
 
+_SMALLEST_PIVOT = 1e-6
+"""Pivot of the loop equations, relative to the largest one, up to which an equation depends on others."""
+
+_TURN_FROM_REST = 0.1
+"""Largest random displacement in rad or m from the rest poses, to see which coordinates move a loop."""
+
+_ZERO_ENTRY = 1e-9
+"""Entry of the loop Jacobian, relative to the largest one, up to which a coordinate does not move a loop."""
+
 _MOST_STORED_STATES = 20_000
 """Maximum number of stored states that were not reached in small steps; if exceeded, the older half is dropped."""
 
@@ -69,7 +78,7 @@ class Closing:
         self._model = model
         self._tree = tree
         self._weights = weights
-        self.linear = self._coupled()
+        self.linear = self._linear_solution()
         self._stride = np.where(tree.are_angles, _CERTAIN_TURN, _CERTAIN_SLIDE)
         # the known states: joint values, configurations, and whether each was reached in small steps
         self._q = np.zeros((0, len(weights)))
@@ -77,8 +86,8 @@ class Closing:
         self._in_small_steps = np.zeros(0, bool)
         self._row_of_key: dict[bytes, int] = {}  # rounded joint values -> row of the state
 
-    def _coupled(self) -> tuple[Array, Array] | None:
-        """Return `linear`: the couplings, solved for the passive joints."""
+    def _linear_solution(self) -> tuple[Array, Array] | None:
+        """Return the couplings, solved for the passive joints; None if they do not determine these, or with loops."""
         tree = self._tree
         active = tree.active
         passive = tree.passive
@@ -121,7 +130,7 @@ class Closing:
         self._drop_old()
         if not len(self._q):
             home = self._model.home()
-            self.keep(home.q[None], home.x[None])
+            self.store(home.q[None], home.x[None])
         rows = np.array([self._row_of_key.get(key, -1) for key in _keys(q)], int)
         X = self._x[rows]
         is_closed = np.ones(len(q), bool)
@@ -143,14 +152,14 @@ class Closing:
             steps = int(np.ceil(divisor * strides.max(initial=0.0)))
             walked, closes = self._walk(nearest_rows, q[new], max(steps, 1), small=thorough)
             reached = new[closes]
-            self.keep(q[reached], walked[closes], in_small_steps=thorough)
+            self.store(q[reached], walked[closes], in_small_steps=thorough)
             X[reached] = walked[closes]
             is_closed[reached] = True
             new = new[~closes]
             nearest_rows = nearest_rows[~closes]
         return X, is_closed
 
-    def keep(self, q: Array, X: Array, *, in_small_steps: bool = True) -> None:
+    def store(self, q: Array, X: Array, *, in_small_steps: bool = True) -> None:
         """Store configurations X (k, nq) at q (k, n) as known states.
 
         `in_small_steps`: whether X was reached in small steps, so that its assembly mode is certain.
@@ -174,7 +183,7 @@ class Closing:
         self._in_small_steps = self._in_small_steps[remaining_rows]
         self._row_of_key = {key: i for i, key in enumerate(_keys(self._q))}
 
-    def known(self, q: Array) -> Array | None:
+    def stored(self, q: Array) -> Array | None:
         """Return the stored configuration (nq,) at joint values q (n,); None if none is stored."""
         (key,) = _keys(np.asarray(q, float)[None])
         row = self._row_of_key.get(key)
@@ -272,18 +281,19 @@ class Closing:
         return changes.max(axis=1, initial=0.0)
 
     @cached_property
-    def _independent(self) -> np.ndarray:
+    def _independent_rows(self) -> np.ndarray:
         """Independent loop equations (rows) in the rest poses, one per passive coordinate; empty if there are fewer."""
         passive = self._tree.passive
         home = self._model.home().x[None]
         A = self._loop_jacobian(home)[0][:, passive]
         if not A.size:
             return np.zeros(0, int)
-        factors: Any = qr(A.T, mode="economic", pivoting=True)
+        # scipy states all results that other arguments would have
+        factors = cast("tuple[Array, Array, np.ndarray]", qr(A.T, mode="economic", pivoting=True))
         _, R, order = factors
-        size = np.abs(np.diag(R))
+        pivots = np.abs(np.diag(R))  # largest first
         count = A.shape[1]
-        if len(size) != count or size[-1] <= 1e-6 * size[0]:
+        if len(pivots) != count or pivots[-1] <= _SMALLEST_PIVOT * pivots[0]:
             return np.zeros(0, int)
         return order[:count]
 
@@ -293,15 +303,15 @@ class Closing:
 
         The list is empty if the equations do not determine the passive coordinates (an internal freedom).
         """
-        rows = self._independent
+        rows = self._independent_rows
         columns = self._tree.passive
         if not len(rows):
             return []
         # away from the rest poses, an entry is 0 only if its coordinate does not move the loop
-        turned = np.random.default_rng(0).uniform(-0.1, 0.1, (1, self._tree.model.nv))
+        turned = np.random.default_rng(0).uniform(-_TURN_FROM_REST, _TURN_FROM_REST, (1, self._tree.model.nv))
         away = self._tree.step(self._model.home().x[None], turned)
         A = np.abs(self._loop_jacobian(away)[0])
-        equation, coordinate = np.nonzero(A[rows][:, columns] > 1e-9 * A.max())
+        equation, coordinate = np.nonzero(A[rows][:, columns] > _ZERO_ENTRY * A.max())
         # nodes of the graph: first the equations, then the coordinates
         count = len(rows)
         edges = (equation, count + coordinate)
@@ -383,7 +393,7 @@ class Closing:
             return X
         return None
 
-    def each(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
+    def straight_paths(self, a: Array, b: Array, stations: int) -> tuple[Array, np.ndarray]:
         """Return configurations (m, stations, nq) of straight paths from a to b (m, n), and (m,) bool: whether closed.
 
         This is a fast test for searches: the loops are closed approximately, and the assembly modes at both ends are

@@ -284,7 +284,7 @@ def poses_by_inverse(
         reads = reads_orientation(kin, run.Ts_base_tool)
     # the walks to the other solutions start from the judged states, which are closed
     closing = Closing(model, np.ones(q.shape[1]))
-    closing.keep(run.q, run.x)
+    closing.store(run.q, run.x)
     # Full turns change no pose, but a walk from the known states may reach only one of the values.
     within_one_turn = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
     nearest_turn = run.q + difference

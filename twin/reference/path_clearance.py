@@ -1,9 +1,13 @@
-"""A proven lower bound of the distance between bodies along a whole path.
+"""Distances of bodies along whole paths: whether they are kept (`are_clear`), and a proven lower bound (`certify`).
 
-The path is given with stations: states on it with closed loops, between which the motion of each coordinate is bounded.
-In an interval of s, the distance of a pair is at least the distance in the middle of the interval minus the largest
-possible approach (`relative_motion`) in half of the interval. Intervals are halved until this bound is at most `within`
-below the smallest distance found.
+A path q(s) is not judged at sampled points but in intervals of s. In an interval, the distance of a pair is at least
+the distance in the middle of the interval minus the largest possible approach of the two bodies (`relative_motion`) in
+half of the interval. Where this bound does not decide, the interval is halved: for `are_clear` until the distance
+exceeds the approach, for `certify` until the bound is at most `within` below the smallest distance found.
+
+For most intervals, bounds of the distance suffice (`collision_pairs`). If they do not and the remaining motion is
+small, coal tests whether the meshes are nearer than this motion, which is much faster than a computation of the
+distance.
 """
 
 from __future__ import annotations
@@ -16,11 +20,21 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.reference.collision_pairs import CollisionPairs
+from twin.reference.collision_pairs import SEARCH_BALL_RADIUS, CollisionPairs
 from twin.reference.loop_closing import Closing
 
 _FAR = 100 * MM
 """Distance in m up to which lower bounds are computed, as long as no exact distance is known."""
+
+
+_HALVINGS_AT_ONCE = 2
+"""Number of halvings of an interval at once: few large batches are faster than many small ones."""
+
+_MESH_MARGIN = 3.0
+"""Largest needed distance, in units of the required one, for which meshes are tested; for larger ones coal is slow."""
+
+_SEARCH_MOTION = 6 * MM
+"""In a search: largest relative motion in m of two bodies from a tested state. A found path is tested completely."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +88,95 @@ def _place(grid: Array, s: Array) -> tuple[np.ndarray, Array]:
     """Return, for s (k,), the index of the value of a grid before it, and its place from there, 0 to 1."""
     i = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
     return i, (s - grid[i]) / (grid[i + 1] - grid[i])
+
+
+@dataclass(frozen=True)
+class PathBatch:
+    """Paths that are tested together.
+
+    Attributes:
+        count: number of paths.
+        configurations: function of the path (k,) and s (k,): configurations (k, nq) there, or None if loops open.
+        motion: function of the path (k,), s (k,) and a width: (k, nv), largest motion of each coordinate from s to both
+            ends of an interval of this width around s, in m or rad.
+    """
+
+    count: int
+    configurations: Callable[[np.ndarray, Array], Array | None]
+    motion: Callable[[np.ndarray, Array, float], Array]
+
+
+def are_clear(paths: PathBatch, pairs: CollisionPairs, check: Callable[[], None], *, exact: bool = True) -> np.ndarray:
+    """Return (count,) bool: whether all pairs have the required distance at the tested s, and half of it at all s.
+
+    Args:
+        paths: the paths.
+        pairs: the pairs of bodies, with their required distances.
+        check: called every few milliseconds; an exception of `check` ends the computation.
+        exact: whether exact distances decide where bounds do not; otherwise `CollisionPairs.seem_near` does.
+    """
+    is_clear = np.ones(paths.count, bool)
+    smallest_radius = 0.0
+    if not exact:
+        smallest_radius = SEARCH_BALL_RADIUS
+    parts = 2**_HALVINGS_AT_ONCE
+    # the tests that are still open: row i is the pair `pair[i]` in interval `place[i]`, of 2**level, of `path[i]`
+    path, pair = np.divmod(np.arange(paths.count * len(pairs)), max(len(pairs), 1))
+    place = np.zeros(len(path), int)
+    level = 0
+    while len(path):
+        check()
+        width = 0.5**level
+        # each interval of each path is placed once, for all of its pairs
+        keys, row = np.unique(path * 2**level + place, return_inverse=True)
+        path_of_row = keys >> level
+        places = keys & (2**level - 1)
+        middles = (places + 0.5) * width
+        X = paths.configurations(path_of_row, middles)
+        if X is None:
+            return np.zeros(paths.count, bool)
+        poses, approaches = pairs.around(X, paths.motion(path_of_row, middles, width))
+        required = pairs.required[pair]
+        approach = approaches[row, pair]
+        # the distance in the middle with which a pair is clear in the whole interval
+        needed = np.maximum(required, required / 2 + approach)
+        tests = np.flatnonzero(pairs.gaps(poses, row, pair) < needed)
+        low, high = pairs.bounds.at(poses, row[tests], pair[tests], needed[tests], required[tests], smallest_radius)
+        if exact:
+            is_near = high < required[tests]
+        else:
+            is_near = pairs.seem_near(X, poses, row[tests], pair[tests], low, high, is_clear[path_of_row])
+        is_clear[path[tests[is_near]]] = False
+        tests = tests[(low < needed[tests]) & is_clear[path[tests]]]
+        if exact:
+            # where the bounds do not decide and the interval is short, exact distances do
+            undecided: list[int] = []
+            for i in tests:
+                check()
+                if not is_clear[path[i]]:
+                    continue
+                T = poses[row[i]]
+                if needed[i] <= required[i]:
+                    is_clear[path[i]] = not pairs.closer(int(pair[i]), X[[row[i]]], T[None])[0]
+                elif _is_undecided_by_meshes(pairs, int(pair[i]), T, float(needed[i])):
+                    undecided.append(i)
+            tests = np.array(undecided, int)
+        else:
+            tests = tests[approach[tests] > _SEARCH_MOTION]
+        tests = tests[is_clear[path[tests]]]  # a path that was found too near needs no further test
+        path = np.repeat(path[tests], parts)
+        pair = np.repeat(pair[tests], parts)
+        place = (place[tests, None] * parts + np.arange(parts)).ravel()
+        level += _HALVINGS_AT_ONCE
+    return is_clear
+
+
+def _is_undecided_by_meshes(pairs: CollisionPairs, pair: int, poses: Array, needed: float) -> bool:
+    """Return whether the meshes at shape poses (shapes, 4, 4) do not show that a pair is `needed` in m apart."""
+    # coal is slow for a large distance, and for close meshes: shorter intervals need a smaller one
+    if needed > _MESH_MARGIN * float(pairs.required[pair]) or pairs.celled(pair):
+        return True
+    return pairs.nearer(pair, poses, needed)
 
 
 @dataclass(frozen=True)
