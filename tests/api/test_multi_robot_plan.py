@@ -35,7 +35,7 @@ from twin.planning.path import line
 from twin.planning.path_kinematics import without_equations
 from twin.planning.plan import plan as plan_
 from twin.planning.plan_files import RobotSamples, props_files, protocol_files, write_plan_scene
-from twin.planning.priority import Behind, beside
+from twin.planning.priority import NewArmSpace, beside
 from twin.planning.protocol import load_protocol
 from twin.planning.timing import time_path
 from twin.reference import ReferenceModel
@@ -115,7 +115,7 @@ def test_two_arms_exchange_places_without_touching(seed):
     assert np.abs(rates).max() <= 1.001
     assert apart(path(timing.s[::20])).min() >= seen.proven
     # u grows faster than s here and there, so that the certificate has parts; its place counts along the whole path
-    space = Behind(whole, first)
+    space = NewArmSpace(whole, first)
     seen = space.certify(path._path)
     assert len(space._parts(path._path)) > 1
     assert whole.nearest(path(np.array([seen.s]))[0]) == (pytest.approx(seen.found, abs=1e-6), seen.bodies)
@@ -123,7 +123,7 @@ def test_two_arms_exchange_places_without_touching(seed):
 
 def test_a_third_coordinate_that_may_not_decrease_orders_the_connections():
     one, whole = both()
-    space = Behind(whole, around(one, UP, DOWN))
+    space = NewArmSpace(whole, around(one, UP, DOWN))
     a, b = np.append(UP, 0.3), np.append(UP + 0.1, 0.6)
     assert np.isfinite(space.cost(a[None], b[None])[0])
     assert space.cost(b[None], a[None])[0] == np.inf

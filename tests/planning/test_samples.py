@@ -18,7 +18,7 @@ from twin.core.findings import verdict
 from twin.planning.plan import plan
 from twin.planning.plan_files import write_samples
 from twin.planning.protocol import load_protocol
-from twin.planning.sampled_phase import between
+from twin.planning.sampled_phase import curve_through
 from twin.ui.session.robot_file_edits import append_phase
 
 UP, ASIDE, DOWN = (np.array(q) for q in ([0.5, 0.0, 0.0], [0.2, 0.3, 0.1], [-0.3, 0.2, 0.0]))
@@ -227,7 +227,7 @@ def test_the_motion_stays_between_its_samples(kind):
     rng = np.random.default_rng(3)
     for _ in range(125):
         t, q = drawn_table(kind, rng)
-        curve = between(t, q)
+        curve = curve_through(t, q)
         assert np.abs(curve(t) - q).max() < 1e-12
         fine = np.linspace(t[0], t[-1], 4001)
         at = np.clip(np.searchsorted(t, fine, side="right"), 1, len(t) - 1)
@@ -259,10 +259,10 @@ def test_smooth_samples_are_followed_by_a_spline():
     t = np.linspace(0, 2, 201)
     q = np.column_stack([1 - np.cos(np.pi * t)])
     fine = np.linspace(0, 2, 1777)
-    assert np.abs(between(t, q)(fine)[:, 0] - (1 - np.cos(np.pi * fine))).max() < 1e-8
+    assert np.abs(curve_through(t, q)(fine)[:, 0] - (1 - np.cos(np.pi * fine))).max() < 1e-8
 
 
 def test_a_joint_that_moves_after_a_dwell_stays_in_its_range():
     """The table of a user: 0, 0, 6, 6 deg at 0, 1, 1.1, 3 s."""
-    motion = between(np.array([0, 1, 1.1, 3]), np.array([[0.0], [0], [6], [6]]))(np.linspace(0, 3, 3001))
+    motion = curve_through(np.array([0, 1, 1.1, 3]), np.array([[0.0], [0], [6], [6]]))(np.linspace(0, 3, 3001))
     assert -1e-12 <= motion.min() <= motion.max() <= 6 + 1e-12

@@ -300,6 +300,21 @@ def test_an_end_that_is_not_free_is_named_with_its_size(start, goal, words):
         around(space_of(arm(), post(0.3, 0)), np.array(start), np.array(goal))
 
 
+@pytest.mark.parametrize(
+    ("q", "advice"),
+    [
+        ([0.0, 0, 0], ". Move this waypoint"),  # collides: a lower clearance would not help
+        ([0.17, 0, 0], ". Move this waypoint, or lower clearance_mm"),
+        ([2.7, 0, 0], ""),  # beyond its limits
+    ],
+)
+def test_advice_for_an_end_follows_from_the_distance_of_its_bodies(q, advice):
+    space = space_of(arm(), post(0.3, 0))
+    with pytest.raises(NoPathError) as told:
+        around(space, np.array(q), np.array([1.5, 0, 0]))
+    assert str(told.value) == told.value.reason + advice
+
+
 @pytest.mark.parametrize(("start", "goal", "at_start"), [(0.0, 1.5, True), (1.5, 0.0, False)])
 def test_a_start_that_is_not_free_is_told_from_a_goal(start, goal, at_start):
     with pytest.raises(NoPathError) as told:
@@ -326,7 +341,7 @@ def test_the_nearest_free_configuration_is_free_and_no_other_is_much_nearer():
 
 
 def test_no_way_says_what_was_tried(monkeypatch):
-    monkeypatch.setattr("twin.planning.obstacle_avoidance._ROUNDS", ((0.2, 20), (1.0, 30)))
+    monkeypatch.setattr("twin.planning.obstacle_avoidance._SEARCHES", ((0.2, 20), (1.0, 30)))
     space = space_of(arm(1), *[replace(post(0.15, 0.0), name="room/wall")])
     with pytest.raises(
         NoPathError,
@@ -339,7 +354,7 @@ def test_no_way_says_what_was_tried(monkeypatch):
 
 @pytest.mark.parametrize(("start", "goal", "end"), [(1.5, -1.5, "start"), (-1.5, 1.5, "goal")])
 def test_no_way_out_of_a_closed_place_names_the_end_that_is_enclosed(monkeypatch, start, goal, end):
-    monkeypatch.setattr("twin.planning.obstacle_avoidance._ROUNDS", ((0.2, 20), (1.0, 60)))
+    monkeypatch.setattr("twin.planning.obstacle_avoidance._SEARCHES", ((0.2, 20), (1.0, 60)))
     walls = [
         replace(post(0.15 * np.cos(a), 0.15 * np.sin(a)), name=f"room/{name}")
         for name, a in (("right", 1.05), ("left", 1.95))

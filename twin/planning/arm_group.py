@@ -16,14 +16,14 @@ from twin.planning.mechanism_follower import MechanismFollower
 from twin.planning.path import Path, line
 from twin.planning.path_kinematics import Carrier, PathKinematics
 from twin.planning.phase_path import PhasePath, build
-from twin.planning.plan import Leg, assemble, sampled
+from twin.planning.plan import PlannedPhase, assemble, sampled
 from twin.planning.protocol import Free, Protocol
 from twin.planning.trajectory import Trajectory
 
 _STATIONS = 33
 """Number of points of a straight path between two waypoints."""
 
-_DT = 1e-3
+_SAMPLING_TIME = 1e-3
 """Sampling time of a trajectory in s."""
 
 
@@ -53,7 +53,7 @@ class GroupArm:
         return self.kinematics.carrier
 
 
-class _Guide(MechanismFollower):
+class _CourseFollower(MechanismFollower):
     """Moves the mechanism along the given paths."""
 
     def __init__(self, robot: GroupArm, courses: Sequence[Path]) -> None:
@@ -80,9 +80,9 @@ def trajectories(robots: Sequence[GroupArm], courses: Sequence[Sequence[Path]]) 
         TimingError: no timing within the limits was found; the message names the phases.
     """
     paths = []
-    for robot, own_courses in zip(robots, courses, strict=True):
-        paths.append(build(robot.protocol, robot.T_tool_frame, _Guide(robot, own_courses)))
-    legs: list[list[Leg]] = [[] for _ in robots]
+    for robot, courses_of_robot in zip(robots, courses, strict=True):
+        paths.append(build(robot.protocol, robot.T_tool_frame, _CourseFollower(robot, courses_of_robot)))
+    planned: list[list[PlannedPhase]] = [[] for _ in robots]
     for number in range(max(map(len, paths))):
         moving: list[tuple[int, PhasePath]] = []  # the arms that have this phase: (index, phase)
         names = []
@@ -102,16 +102,16 @@ def trajectories(robots: Sequence[GroupArm], courses: Sequence[Sequence[Path]]) 
         try:
             limits = []
             for arm, path in moving:
-                limits.append(demands(path, joints[arm], robots[arm].protocol, robots[arm].kinematics, _DT))
-            timing = timed(limits, _DT, robots[0].protocol.timing)
+                limits.append(demands(path, joints[arm], robots[arm].protocol, robots[arm].kinematics, _SAMPLING_TIME))
+            timing = timed(limits, _SAMPLING_TIME, robots[0].protocol.timing)
         except TimingError as error:
             raise TimingError(f"{where}: {error}") from error
         for arm, path in moving:
-            legs[arm].append(sampled(path, joints[arm], timing, robots[arm].kinematics))
+            planned[arm].append(sampled(path, joints[arm], timing, robots[arm].kinematics))
     trajectories_of_arms = []
-    for robot, own_legs in zip(robots, legs, strict=True):
+    for robot, planned_of_robot in zip(robots, planned, strict=True):
         protocol = robot.protocol
-        trajectory = assemble(protocol, robot.kinematics, robot.T_tool_frame, own_legs, _DT)
+        trajectory = assemble(protocol, robot.kinematics, robot.T_tool_frame, planned_of_robot, _SAMPLING_TIME)
         trajectory = replace(trajectory, followed=True)
         findings = check(trajectory, protocol, robot.kinematics)
         trajectories_of_arms.append(replace(trajectory, findings=(*protocol.findings, *findings)))

@@ -16,26 +16,25 @@ from twin.planning.path_kinematics import PathKinematics
 from twin.planning.protocol import DIRECTIONS, Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
-OVER = 1e-3
+ACCEPTED_EXCESS = 1e-3
 """Fraction by which a sample may exceed a limit of speed, acceleration or jerk."""
 
-_JOINT_VALUE = 1e-9
+_JOINT_VALUE_TOLERANCE = 1e-9
 """Tolerance in m or rad of a waypoint's joint values, which are planned exactly."""
 
-AGAIN = "plan the protocol again: these samples differ from the planned ones"
+REPLAN_ADVICE = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
 
-
-_TOUCHING = 1e-12
+_LIMIT_ROUNDING = 1e-12
 """Distance in m or rad by which a sample may exceed a limit: rounding of a motion that ends at its limit."""
 
-_MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
-_BLOCKED = Kind("rcm.missed", "disagreement", "the robot cannot hold the RCM: remove directions from `free`")
-_KEPT = Kind("rcm.kept", "info", word="tolerance")
-_BENT = Kind("insertion.bent", "disagreement", AGAIN, word="tolerance")
-_STRAIGHT = Kind("insertion.straight", "info", word="tolerance")
-_NEAR = Kind("singularity.near", "warning", word="alarm")
-_SINGULARITY = Kind("margin.singularity", "info", word="alarm")
+_RCM_MISSED = Kind("rcm.missed", "disagreement", 'use rcm = "enforced" and a waypoint with depth_mm', word="tolerance")
+_RCM_NOT_HELD = Kind("rcm.missed", "disagreement", "the robot cannot hold the RCM: remove directions from `free`")
+_RCM_KEPT = Kind("rcm.kept", "info", word="tolerance")
+_INSERTION_BENT = Kind("insertion.bent", "disagreement", REPLAN_ADVICE, word="tolerance")
+_INSERTION_STRAIGHT = Kind("insertion.straight", "info", word="tolerance")
+_SINGULARITY_NEAR = Kind("singularity.near", "warning", word="alarm")
+_SINGULARITY_MARGIN = Kind("margin.singularity", "info", word="alarm")
 
 
 def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics) -> list[Finding]:
@@ -53,11 +52,11 @@ def check(trajectory: Trajectory, protocol: Protocol, kinematics: PathKinematics
         *_passive(trajectory, kinematics),
         *_joint_rates(trajectory, kinematics),
         *_tip_rates(trajectory, protocol),
-        *_consistent(trajectory, kinematics),
+        *_speeds_match_slopes(trajectory, kinematics),
         *_rcm(trajectory, protocol),
-        *_straight(trajectory, protocol),
+        *_insertion_straightness(trajectory, protocol),
         *_waypoints(trajectory, protocol),
-        *_singular(trajectory, kinematics),
+        *_singularities(trajectory, kinematics),
         *_branches(trajectory, kinematics),
         *_reach(trajectory, kinematics),
     ]
@@ -127,7 +126,7 @@ def _joint_beyond(
     q = trajectory.q[:, joint]
     inside = np.minimum(q - low, high - q)
     worst = int(np.argmin(inside))
-    if inside[worst] >= -_TOUCHING:
+    if inside[worst] >= -_LIMIT_ROUNDING:
         return []
     name = kinematics.joint_names[joint]
     unit, factor = kinematics.unit(joint)
@@ -152,7 +151,7 @@ def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]
         when = _when(trajectory, lowest)
         limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
         # a motor with a gear makes many turns: the rounding grows with its position
-        if inside[lowest] < -_TOUCHING * max(1.0, abs(position[lowest])):
+        if inside[lowest] < -_LIMIT_ROUNDING * max(1.0, abs(position[lowest])):
             size = Quantity(-inside[lowest] / factor, unit)
             what = f"motor {name} exceeds its limits {limits} by {size}"
             findings.append(error("limit.motor", name, what, size, 0, when=when, word=""))
@@ -163,7 +162,7 @@ def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]
         fastest = int(np.argmax(speed))
         peak = Quantity(float(speed[fastest]) / factor, f"{unit}/s")
         limit = Quantity(motors.max_speed[motor] / factor, f"{unit}/s")
-        findings += _over(trajectory, "limit.motor_speed", name, f"motor {name}", fastest, peak, limit)
+        findings += _rate_beyond(trajectory, "limit.motor_speed", name, f"motor {name}", fastest, peak, limit)
     return findings
 
 
@@ -175,7 +174,7 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
         smallest = int(np.argmin(distance))
         unit, factor = kinematics.unit(gap.i)
         build = partial(info, "margin.gap")
-        if distance[smallest] < gap.smallest - _TOUCHING:
+        if distance[smallest] < gap.smallest - _LIMIT_ROUNDING:
             build = partial(error, "limit.gap")
         size = Quantity(distance[smallest] / factor, unit)
         required = gap.smallest / factor
@@ -216,7 +215,7 @@ def _joint_rates(trajectory: Trajectory, kinematics: PathKinematics) -> list[Fin
             k = int(np.argmax(np.abs(values[:, j])))
             size = Quantity(abs(values[k, j]) / factor, unit + per)
             limit = Quantity(limits[j] / factor, unit + per)
-            findings += _over(trajectory, code, name, f"joint {name}", k, size, limit)
+            findings += _rate_beyond(trajectory, code, name, f"joint {name}", k, size, limit)
     return findings
 
 
@@ -244,11 +243,13 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
             norms = np.linalg.norm(values, axis=1)
             k = int(np.argmax(norms))
             size = si(norms[k], unit)
-            findings += _over(trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), advice)
+            findings += _rate_beyond(
+                trajectory, code, trajectory.frame, what, rows.start + k, size, si(limit, unit), advice
+            )
     return findings
 
 
-def _over(
+def _rate_beyond(
     trajectory: Trajectory,
     code: str,
     where: str,
@@ -258,19 +259,19 @@ def _over(
     limit: Quantity,
     advice: str = "lower the limits of the phase, or raise the limit of the robot",
 ) -> list[Finding]:
-    """Return a finding if `size` at a sample exceeds `limit` by more than `OVER`, else an empty list."""
-    if size.value <= limit.value * (1 + OVER):
+    """Return a finding if `size` at a sample exceeds `limit` by more than `ACCEPTED_EXCESS`, else an empty list."""
+    if size.value <= limit.value * (1 + ACCEPTED_EXCESS):
         return []
     when = _when(trajectory, sample)
     return [disagreement(code, where, f"{what} exceeds its limit", size, limit, advice, when=when)]
 
 
-def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+def _speeds_match_slopes(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check that joint speeds equal the slopes of the positions; tolerance: maximum acceleration times time step."""
     dt = float(trajectory.t[1] - trajectory.t[0])
     slope = (trajectory.q[2:] - trajectory.q[:-2]) / (2 * dt)
     difference = np.abs(slope - trajectory.qd[1:-1])
-    excess = difference / (dt * kinematics.max_acceleration * (1 + OVER))
+    excess = difference / (dt * kinematics.max_acceleration * (1 + ACCEPTED_EXCESS))
     if not excess.size:  # fewer than three samples have no slope
         return []
     k, j = np.unravel_index(int(np.argmax(excess)), excess.shape)
@@ -281,7 +282,7 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
     name = kinematics.joint_names[j]
     when = _when(trajectory, int(k) + 1)
     what = f"the speed of joint {name} differs from the slope of its positions"
-    return [disagreement("trajectory.inconsistent", name, what, size, suggestion=AGAIN, when=when)]
+    return [disagreement("trajectory.inconsistent", name, what, size, suggestion=REPLAN_ADVICE, when=when)]
 
 
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
@@ -312,11 +313,11 @@ def _rcm_episode(trajectory: Trajectory, protocol: Protocol, spans: Sequence[Pha
     errors = rcm_error(Ts, trajectory.shaft_axis, rcm)
     k = int(np.argmax(errors))
     if errors[k] <= tolerance:
-        kind = _KEPT
+        kind = _RCM_KEPT
     elif {span.rcm_mode for span in spans} == {"enforced"}:
-        kind = _BLOCKED
+        kind = _RCM_NOT_HELD
     else:
-        kind = _MISSED
+        kind = _RCM_MISSED
     x, y, z = rcm / MM
     where = f"RCM at ({x:.2f}, {y:.2f}, {z:.2f}) mm"
     trocar = _trocar(protocol, spans)
@@ -337,7 +338,7 @@ def _trocar(protocol: Protocol, spans: Sequence[PhaseSpan]) -> str:
     return ""
 
 
-def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
+def _insertion_straightness(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Report the maximum distance of the moved frame from the straight line of each insertion."""
     findings = []
     tolerance = protocol.tolerances.straightness
@@ -348,9 +349,9 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         axis = Ts[0, :3, :3] @ trajectory.shaft_axis
         errors = spatial.point_to_line(Ts[:, :3, 3], Ts[0, :3, 3], axis)
         k = int(np.argmax(errors))
-        kind = _STRAIGHT
+        kind = _INSERTION_STRAIGHT
         if errors[k] > tolerance:
-            kind = _BENT
+            kind = _INSERTION_BENT
         what = f"maximum distance of {trajectory.frame} from the insertion line"
         when = _when(trajectory, span.start + k, span)
         findings.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
@@ -363,7 +364,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     for name, rows in trajectory.waypoints.items():
         waypoint = protocol.waypoints[name]
         if waypoint.joints is not None:
-            findings += _values(trajectory, waypoint, rows)
+            findings += _waypoint_joints(trajectory, waypoint, rows)
             continue
         for k in rows:
             findings += _waypoint_pose(trajectory, protocol, waypoint, k)
@@ -395,17 +396,19 @@ def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoin
     if distance > tolerance:
         size = mm(distance)
         limit = mm(tolerance)
-    return [disagreement("waypoint.missed", where, what, size, limit, AGAIN, when=_when(trajectory, k), word="")]
+    return [
+        disagreement("waypoint.missed", where, what, size, limit, REPLAN_ADVICE, when=_when(trajectory, k), word="")
+    ]
 
 
-def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
+def _waypoint_joints(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -> list[Finding]:
     """Return a finding for each joint that differs from its value in the waypoint at one of the samples `rows`."""
     findings = []
     for joint, value in (waypoint.joints or {}).items():
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
         i = int(np.argmax(np.abs(q - value)))
         difference = float(abs(q[i] - value))
-        if difference > _JOINT_VALUE:
+        if difference > _JOINT_VALUE_TOLERANCE:
             what = f"joint {joint} misses waypoint '{waypoint.name}'"
             size = moved(difference, joint in waypoint.angle_joints)
             findings.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
@@ -437,7 +440,7 @@ def _rotation(angles: Array, order: RotationOrder) -> Array:
     )
 
 
-def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
+def _singularities(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Report the minimum of each singularity measure, or where it changes its sign."""
     findings = []
     for name, values in kinematics.singularity(trajectory.Ts_base_tool, trajectory.q).items():
@@ -451,9 +454,9 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
             continue
         k = int(np.argmin(np.abs(values)))
         size = float(abs(values[k]))
-        kind = _SINGULARITY
+        kind = _SINGULARITY_MARGIN
         if size < alarm:
-            kind = _NEAR
+            kind = _SINGULARITY_NEAR
         what = f"minimum of the singularity measure {name}"
         findings.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
     return findings

@@ -30,8 +30,10 @@ Cost = Callable[[Array, Array], Array]
 """Function of joint values a (k, n) and b (k, n): cost (k,), at least 0, of the straight connections from a to b."""
 
 _LENGTH_WEIGHT = 0.1
+"""Weight of the length in `length_and_stops`: that of the first term in the Raven paper's Table 2."""
+
 _STOPS_WEIGHT = 0.5
-"""Weights of `length_and_stops`: those of the two terms in the Raven paper's Table 2."""
+"""Weight of the stops: that of the second term there."""
 
 ACCELERATION = 0.24
 """Acceleration and deceleration of a connection in m/s2 (ASSUMED: the limit of the tip in the dome's protocol)."""
@@ -60,20 +62,20 @@ def length_and_stops(weights: Array) -> Cost:
     return lambda a, b: _LENGTH_WEIGHT * length_of(a, b) + _STOPS_WEIGHT * stops_of(a, b)
 
 
-_FAR = 20 * MM
+_CLEARANCE_RANGE = 20 * MM
 """Distance in m above which only the length counts (ASSUMED)."""
 
 _CONTACT_COST = 9.0
 """Additional cost per length at distance 0 (ASSUMED)."""
 
-_STEP = 20 * MM
+_STATE_SPACING = 20 * MM
 """Along a connection, distances are computed at states with at most this spacing (weighted length in m)."""
 
 
 def clearance(space: Space) -> Cost:
     """Return the cost for clearance: a length in m in which parts of a path near other bodies count more.
 
-    The distances are lower bounds (`Space.clearances`) at states that are at most `_STEP` apart.
+    The distances are lower bounds (`Space.clearances`) at states that are at most `_STATE_SPACING` apart.
     """
     length_of = length(space.weights)
 
@@ -81,12 +83,12 @@ def clearance(space: Space) -> Cost:
         lengths = length_of(a, b)
         if not len(lengths):
             return lengths
-        counts = np.maximum(np.ceil(lengths / _STEP).astype(int), 1)  # number of states on each connection
+        counts = np.maximum(np.ceil(lengths / _STATE_SPACING).astype(int), 1)  # number of states on each connection
         first = np.cumsum(counts) - counts  # row of the first state of each connection
         index = np.arange(counts.sum()) - np.repeat(first, counts)
         fraction = (index + 0.5) / np.repeat(counts, counts)  # in the middle of equal parts
         states = np.repeat(a, counts, axis=0) + fraction[:, None] * np.repeat(b - a, counts, axis=0)
-        nearness = 1 - np.minimum(space.clearances(states, _FAR) / _FAR, 1.0)
+        nearness = 1 - np.minimum(space.clearances(states, _CLEARANCE_RANGE) / _CLEARANCE_RANGE, 1.0)
         return lengths * (1 + _CONTACT_COST * np.add.reduceat(nearness, first) / counts)
 
     return cost
@@ -110,7 +112,7 @@ COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(
 )
 """{name of a cost in a protocol: function of a space that returns this cost}; `published` with the paper's weights."""
 
-STRAIGHT = ("length", "stops", "length_and_stops")
+SMALLEST_WHEN_STRAIGHT = ("length", "stops", "length_and_stops")
 """Names of the costs that are smallest on the straight connection of two points."""
 
 

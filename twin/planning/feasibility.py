@@ -15,13 +15,13 @@ from twin.planning.path_kinematics import PathKinematics
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Insertion, Pivot, Retraction
 
-_PROBES = 401
+_CHECKED_POINTS = 401
 """Number of points of a phase that are checked; the 1 kHz samples are checked again after timing."""
 
 _HALVINGS = 40
 """Number of bisections for the first unreachable point of a phase; s is then exact to rounding."""
 
-_SAFE = 1e-4
+_SAFETY_PART = 1e-4
 """Part of the phase by which the proposed end is before the first unreachable point, so that it is surely reachable."""
 
 Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
@@ -38,7 +38,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
         ProtocolError: the robot cannot follow the path; the message contains the phase, the cause, the point of the
             phase from which a limit is violated, the excess, and what is reachable.
     """
-    s = np.linspace(0.0, 1.0, _PROBES)
+    s = np.linspace(0.0, 1.0, _CHECKED_POINTS)
 
     def at(s: Array) -> tuple[Array, Array]:
         return path.motion(s).Ts_base_tool, path.joints(s, kinematics)
@@ -75,7 +75,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     # argmin would choose NaN, a margin that is not known, as the smallest.
     known_margin = np.where(np.isnan(margin), 0.0, margin)
     worst = int(np.argmin(known_margin))
-    text = _cause(kinematics, cause, name, float(-margin[worst]))
+    text = _violation_text(kinematics, cause, name, float(-margin[worst]))
     if cause not in ("branch", "inverse", "singularity"):  # the margins of these three are no distances
         where += f", worst at {100 * s[worst]:.0f} %"
     position = _mm(path.motion(np.array([high])).p[0])
@@ -84,7 +84,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
         f"with {frame} at {position}."
     )
     if cause == "inverse":
-        message += _why(kinematics, path, high)
+        message += _inverse_failure(kinematics, path, high)
     raise ProtocolError(f"{message} {_reachable(path, low, first == 0)}")
 
 
@@ -152,10 +152,10 @@ def margins_at(kinematics: PathKinematics, Ts: Array, q: Array, anchor: Anchor) 
     if unknown_start or not solved.any():
         return margins
     for name, measure in kinematics.singularity(Ts[solved], q[solved]).items():
-        margins["singularity", name] = _spread(solved, measure * anchor.signs.get(name, 1.0))
+        margins["singularity", name] = _scattered(solved, measure * anchor.signs.get(name, 1.0))
     if kinematics.branch:
         same = kinematics.branch(Ts[solved], q[solved]) == anchor.branch
-        margins["branch", ""] = _spread(solved, np.where(same, 0.0, -1.0))
+        margins["branch", ""] = _scattered(solved, np.where(same, 0.0, -1.0))
     return margins
 
 
@@ -163,7 +163,7 @@ def violation(kinematics: PathKinematics, margins: Margins) -> str:
     """Return a text for the first cause whose margin (1,) is negative; "" if no margin is negative."""
     for (cause, name), margin in margins.items():
         if margin[0] < -ROUNDING:
-            return _cause(kinematics, cause, name, float(-margin[0]))
+            return _violation_text(kinematics, cause, name, float(-margin[0]))
     return ""
 
 
@@ -175,14 +175,14 @@ def _first_negative(margins: Margins, k: int) -> tuple[Cause, str, Array]:
     raise AssertionError(f"no margin is negative at point {k}")
 
 
-def _spread(rows: np.ndarray, values: Array) -> Array:
+def _scattered(rows: np.ndarray, values: Array) -> Array:
     """Return (k,) with the values (m,) in the m rows of a mask (k,), and 0 in the other rows."""
     spread = np.zeros(len(rows))
     spread[rows] = values
     return spread
 
 
-def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
+def _inverse_failure(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
     """Return why the equations have no finite joint values at s, as a sentence with a leading space; "" if unknown."""
     if not kinematics.why:
         return ""
@@ -192,7 +192,7 @@ def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
     return f" {text}"
 
 
-def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:
+def _violation_text(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:
     """Return a text on a cause, with the excess `size` in m or rad and the limit."""
     if cause in ("lower", "upper"):
         j = kinematics.joint_names.index(name)
@@ -230,7 +230,7 @@ def _reachable(path: PhasePath, last_s: float, is_unreachable: bool) -> str:
     """Return a sentence on the reachable part of the phase, up to s minus a small margin."""
     if is_unreachable:
         return "No part of the phase is reachable; change the pose at the start of the phase."
-    last_s = max(0.0, last_s - _SAFE)
+    last_s = max(0.0, last_s - _SAFETY_PART)
     angles = _two_decimals(path.angles(last_s) / DEG)
     match path.phase:
         case Insertion():

@@ -26,15 +26,17 @@ from twin.planning.space import Space
 _RADIUS_FACTOR = 1.1
 """Neighbourhood radius, divided by the smallest radius for which the path length converges to the minimum."""
 
-_TRIES = 50
+_MOST_DRAWS = 50
 """Maximum number of samples drawn per required free sample."""
 
 _FRONT_NODES = 16
 """Number of nodes of the front whose connections are tested together."""
 
 _SMALLEST_BLOCK = 16
+"""Minimum number of samples that are drawn together: twice as many as are missing, because some collide."""
+
 _LARGEST_BLOCK = 2048
-"""Minimum and maximum number of samples that are drawn together; twice as many as are missing, because some collide."""
+"""Maximum number of samples that are drawn together."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +108,13 @@ class FmtSearch:
         self.checks = 0
         self._box = box
         self._rng = rng
-        self._longest = np.inf  # m; `inform` lowers it
+        self._longest_useful = np.inf  # m; `inform` lowers it
         self._q = np.array([start, goal])
         self._moving = np.ptp(box, axis=1) > 0
-        self._drawn = 0  # number of samples drawn, free or not
-        self._free = 0  # number of them that are free
-        self._known: dict[tuple[int, int], bool] = {}  # rows (from, to) of a connection -> whether it is free
-        self._near: list[np.ndarray] = []  # rows of the neighbours of each sample
+        self._drawn_count = 0  # number of samples drawn, free or not
+        self._free_count = 0  # number of them that are free
+        self._is_free: dict[tuple[int, int], bool] = {}  # rows (from, to) of a connection -> whether it is free
+        self._neighbours: list[np.ndarray] = []  # rows of the neighbours of each sample
         self._costs: list[Array] = []  # costs of the connections from these neighbours to the sample
         self._parent = np.full(2, -1)
 
@@ -143,13 +145,13 @@ class FmtSearch:
         self._draw(samples, lambda f: progress(f / 2))
         x = self._q * self.space.weights
         edges = np.ptp(self._box, axis=1)[self._moving] * self.space.weights[self._moving]
-        free_fraction = max(self._free, 1) / max(self._drawn, 1)
+        free_fraction = max(self._free_count, 1) / max(self._drawn_count, 1)
         # Theorem 4.1 has the volume of the free space; the share of free samples estimates it.
         volume = free_fraction * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
-        self._near = neighbours(x, radius)
+        self._neighbours = neighbours(x, radius)
         self._costs = []
-        for i, neighbour_rows in enumerate(self._near):
+        for i, neighbour_rows in enumerate(self._neighbours):
             self._costs.append(self.cost(self._q[neighbour_rows], self._repeated(i, len(neighbour_rows))))
         self._parent = np.full(len(x), -1)
         rows, _ = self._grow(self._costs, self._parent, lambda f: progress((1 + f) / 2))
@@ -160,9 +162,9 @@ class FmtSearch:
     def reached(self) -> tuple[int, int]:
         """Return the numbers of samples connected with the start and with the goal, after `path` found no path."""
         backward = []  # costs of the connections in the other direction
-        for i, neighbour_rows in enumerate(self._near):
+        for i, neighbour_rows in enumerate(self._neighbours):
             backward.append(self.cost(self._repeated(i, len(neighbour_rows)), self._q[neighbour_rows]))
-        count = len(self._near)
+        count = len(self._neighbours)
         _, from_start = self._grow(self._costs, np.full(count, -1))
         _, from_goal = self._grow(backward, np.full(count, -1), ends=(1, 0))
         return from_start, from_goal
@@ -178,17 +180,17 @@ class FmtSearch:
         whose foci are start and goal. The cost of the search must be the length. Results of collision tests are kept.
         """
         x = corners * self.space.weights
-        self._longest = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
+        self._longest_useful = float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
         keep = self._useful(self._q)
         keep[:2] = True  # rounding could exclude start and goal
         rows = np.flatnonzero(keep)
         new_rows = dict(zip(rows.tolist(), range(len(rows)), strict=True))
         known_connections = {}
-        for (a, b), free in self._known.items():
+        for (a, b), free in self._is_free.items():
             if a in new_rows and b in new_rows:
                 known_connections[new_rows[a], new_rows[b]] = free
-        self._known = known_connections
-        self._free -= int((~keep).sum())
+        self._is_free = known_connections
+        self._free_count -= int((~keep).sum())
         self._q = self._q[rows]
         self._parent = np.full(len(rows), -1)
 
@@ -197,7 +199,7 @@ class FmtSearch:
         x = q * self.space.weights
         start, goal = self._q[:2] * self.space.weights
         shortest = np.linalg.norm(x - start, axis=1) + np.linalg.norm(x - goal, axis=1)
-        return shortest <= self._longest
+        return shortest <= self._longest_useful
 
     def block(self, corners: Array) -> bool:
         """Test the connections along `corners` (k, n) over their whole length; return whether any is blocked.
@@ -212,13 +214,13 @@ class FmtSearch:
         for k, (i, j) in enumerate(pairwise(rows)):
             if not self.space.free_between(corners[k], corners[k + 1]):
                 blocked = True
-                self._known[i, j] = False
-                self._known[j, i] = False
+                self._is_free[i, j] = False
+                self._is_free[j, i] = False
         return blocked
 
     def _draw(self, samples: int, progress: StepProgress) -> None:
-        """Add free samples until there are `samples`, or until `_TRIES` samples per required sample are drawn."""
-        limit = _TRIES * samples
+        """Add free samples until there are `samples`, or until `_MOST_DRAWS` samples per required sample are drawn."""
+        limit = _MOST_DRAWS * samples
         drawn_count = 0
         low, high = self._box.T
         while self.count < samples and drawn_count < limit:
@@ -226,12 +228,12 @@ class FmtSearch:
             size = min(max(2 * missing, _SMALLEST_BLOCK), _LARGEST_BLOCK)
             block = self._rng.uniform(low, high, (size, len(self._box)))
             drawn_count += size
-            self._drawn += size
+            self._drawn_count += size
             block = block[self._useful(block)]
             # A fast test may err here: the connections of a sample are tested too, and the path over its whole
             # length.
             free = block[self.space.free(block, exact=False)]
-            self._free += len(free)
+            self._free_count += len(free)
             self._q = np.concatenate([self._q, free[:missing]])
             fraction = max(self.count / samples, drawn_count / limit)
             progress(min(fraction, 1.0))
@@ -251,7 +253,7 @@ class FmtSearch:
         than testing them singly. Each test therefore includes connections that the next nodes of the front will
         probably need.
         """
-        neighbours_of = self._near
+        neighbours_of = self._neighbours
         count = len(neighbours_of)
         root, target = ends
         from_goal = root > target
@@ -285,13 +287,13 @@ class FmtSearch:
         while node != target:
             pairs = candidates(neighbours_of[node][waiting[neighbours_of[node]]])
             connections = directed(pairs)
-            if not self._known.keys() >= set(connections):
+            if not self._is_free.keys() >= set(connections):
                 next_samples = self._waiting_around_front(heap, waiting)
                 self._test([*connections, *directed(candidates(next_samples))])
             front[node] = np.inf
             heapq.heappop(heap)
             for (front_node, sample), connection in zip(pairs, connections, strict=True):
-                if not self._known[connection]:
+                if not self._is_free[connection]:
                     continue  # without obstacles it would be the best one: the sample stays outside for now
                 place = int(np.searchsorted(neighbours_of[sample], front_node))
                 parent[sample] = front_node
@@ -312,19 +314,19 @@ class FmtSearch:
         """Return the samples outside of the tree near the next nodes of the front; `heap`: (cost, node) of each."""
         neighbours_of_front = []
         for _, node in heapq.nsmallest(_FRONT_NODES, heap):
-            neighbours_of_front.append(self._near[node])
+            neighbours_of_front.append(self._neighbours[node])
         samples = np.concatenate(neighbours_of_front)
         return np.unique(samples[waiting[samples]])
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
         """Test the connections (from, to) between samples that have not been tested yet, each once."""
-        new = [pair for pair in dict.fromkeys(pairs) if pair not in self._known]
+        new = [pair for pair in dict.fromkeys(pairs) if pair not in self._is_free]
         rows = np.array(new)
         self.checks += len(new)
         begins = self._q[rows[:, 0]]
         ends = self._q[rows[:, 1]]
         free = self.space.free_each(begins, ends)
-        self._known.update(zip(new, free.tolist(), strict=True))
+        self._is_free.update(zip(new, free.tolist(), strict=True))
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:

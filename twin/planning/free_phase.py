@@ -66,7 +66,7 @@ def free_path(
         ProtocolError: start or goal collides or exceeds a limit, or no path was found; the message names bodies, sizes
             and searches.
     """
-    from twin.planning.costs import COSTS, STRAIGHT
+    from twin.planning.costs import COSTS, SMALLEST_WHEN_STRAIGHT
     from twin.planning.obstacle_avoidance import around  # imports scipy, which loads slowly
 
     if kinematics.space is None:
@@ -96,7 +96,7 @@ def free_path(
             seed=phase.seed,
             progress=report,
             cost=cost,
-            straight=phase.cost in STRAIGHT,
+            straight=phase.cost in SMALLEST_WHEN_STRAIGHT,
             samples=phase.samples,
             ended=lambda search_round, tree: rounds.append(search_round),
         )

@@ -18,22 +18,22 @@ from twin.planning.path import ChebyshevPath, fit, line
 from twin.planning.rounds import SearchRound
 from twin.planning.space import Space, nearest_free
 
-_ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
+_SEARCHES = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, divided by the joint ranges; number of samples)."""
 
-_ROUNDS_OF_SHORTCUTS = 8
+_SHORTCUT_ROUNDS = 8
 """Number of rounds of shortcuts."""
 
-_SHORTCUTS = 12
+_SHORTCUTS_PER_ROUND = 12
 """Number of shortcuts (between pairs of points) that are tried in each round."""
 
-_POLISHED = 5
-"""Number of passes of `_ROUNDS_OF_SHORTCUTS` rounds each when a path is improved."""
+_IMPROVING_PASSES = 5
+"""Number of passes of `_SHORTCUT_ROUNDS` rounds each when a path is improved."""
 
 _ENCLOSED_SHARE = 0.1
 """An end (start or goal) seems to be enclosed if it is connected with less than this fraction of the samples."""
 
-_WIDTHS = (0.1, 0.05, 0.025, 0.0125)
+_ROUNDING_WIDTHS = (0.1, 0.05, 0.025, 0.0125)
 """Standard deviations of the Gaussian that rounds corners, divided by the path length; the largest first."""
 
 
@@ -101,13 +101,13 @@ def around(
     drawn_count = 0
     reached = (0, 0)
     attempts = []
-    count = 0
+    count = 0  # of the samples of the last search
     # A joint that neither must move nor moves the tool would only add a dimension to the search.
     resting = (start == goal) & ~space.leads
-    for extension, count in _ROUNDS:
+    for extension, required_samples in _SEARCHES:
         box = _box(space, start, goal, extension, resting)
         search = FmtSearch(space, start, goal, box, rng, cost)
-        has_corners, path = searched(search, count, rng, progress)
+        has_corners, path = searched(search, required_samples, rng, progress)
         if path is not None:
             if not straight and space.free_along(direct):
                 path = _cheaper(search.cost, path, FreePath(no_corners, direct))
@@ -141,10 +141,11 @@ def _require_free(space: Space, name: str, q: Array, seed: int) -> None:
     if nearest is not None:
         message += f"; the nearest free configuration found is {space.named(nearest)}"
     advice = ""
-    if "apart" in reason:
-        advice += ". Move this waypoint"
-    if " mm apart (" in reason:  # bodies that collide have no distance: a lower clearance would not help
-        advice += ", or lower clearance_mm"
+    distance = space.too_small_distance(q)
+    if distance is not None:
+        advice = ". Move this waypoint"
+        if distance > 0:  # bodies that collide have no distance: a lower clearance would not help
+            advice += ", or lower clearance_mm"
     raise NoPathError(message, advice, name == "start")
 
 
@@ -224,7 +225,7 @@ def searched(
     corners = search.path(samples, progress)
     while corners is not None:
         stages = [corners, *shortcuts(space, corners, rng, search.cost)]
-        smoothest = rounded(stages[-1], space.weights, _WIDTHS[0])
+        smoothest = rounded(stages[-1], space.weights, _ROUNDING_WIDTHS[0])
         if space.free_along(smoothest):
             return True, FreePath(stages[-1], smoothest)
         if not search.block(corners):
@@ -241,18 +242,18 @@ def _last_free(space: Space, stages: Sequence[Array]) -> FreePath | None:
     free, an earlier stage is found by bisection.
     """
 
-    def blocked(corners: Array) -> bool:
-        return not space.free_along(rounded(corners, space.weights, _WIDTHS[-1]))
+    def is_blocked(corners: Array) -> bool:
+        return not space.free_along(rounded(corners, space.weights, _ROUNDING_WIDTHS[-1]))
 
     stage = len(stages) - 1
-    if blocked(stages[stage]):
-        stage = bisect_left(stages, True, hi=stage, key=blocked) - 1
+    if is_blocked(stages[stage]):
+        stage = bisect_left(stages, True, hi=stage, key=is_blocked) - 1
     if stage < 0:
         return None
     # the narrowest rounding is free; widen it as long as the path stays free
     corners = stages[stage]
-    curve = rounded(corners, space.weights, _WIDTHS[-1])
-    for width in reversed(_WIDTHS[:-1]):
+    curve = rounded(corners, space.weights, _ROUNDING_WIDTHS[-1])
+    for width in reversed(_ROUNDING_WIDTHS[:-1]):
         wider = rounded(corners, space.weights, width)
         if not space.free_along(wider):
             break
@@ -272,8 +273,8 @@ def improved(
 ) -> FreePath:
     """Continue a search in rounds, each with twice as many samples, up to `samples`; return the best path found.
 
-    In each round, shortcuts are tried `_POLISHED` times as often as for a first path. With `informed`, samples that
-    cannot make the path shorter are left out (`FmtSearch.inform`). `record` is called after each round with the
+    In each round, shortcuts are tried `_IMPROVING_PASSES` times as often as for a first path. With `informed`, samples
+    that cannot make the path shorter are left out (`FmtSearch.inform`). `record` is called after each round with the
     tree, the cost, and the corners (k, n) of the best path.
     """
     count = search.count
@@ -285,16 +286,16 @@ def improved(
         _, candidate = searched(search, count, rng, progress)
         last_best = best
         if candidate is not None:
-            best = _cheaper(search.cost, best, _polished(search, candidate, rng))
+            best = _cheaper(search.cost, best, _with_further_shortcuts(search, candidate, rng))
         # the best path of the round before is polished too: its shortcuts are drawn at random
-        best = _cheaper(search.cost, best, _polished(search, last_best, rng))
+        best = _cheaper(search.cost, best, _with_further_shortcuts(search, last_best, rng))
         record(search.tree, search.cost, best.corners)
     return best
 
 
-def _polished(search: FmtSearch, path: FreePath, rng: np.random.Generator) -> FreePath:
-    """Return a path with further shortcuts, added in `_POLISHED` passes; its rounded path is free after each pass."""
-    for _ in range(_POLISHED):
+def _with_further_shortcuts(search: FmtSearch, path: FreePath, rng: np.random.Generator) -> FreePath:
+    """Return a path with the shortcuts of `_IMPROVING_PASSES` more passes; its rounded path is free after each."""
+    for _ in range(_IMPROVING_PASSES):
         stages = [path.corners, *shortcuts(search.space, path.corners, rng, search.cost, partial=True)]
         if len(stages) > 1:
             path = _last_free(search.space, stages) or path
@@ -331,14 +332,14 @@ def shortcuts(
     """
     points = np.asarray(corners)
     cost = cost or length(space.weights)
-    straight = np.ones((_SHORTCUTS, points.shape[1]), bool)
-    for _ in range(_ROUNDS_OF_SHORTCUTS):
+    is_straight = np.ones((_SHORTCUTS_PER_ROUND, points.shape[1]), bool)
+    for _ in range(_SHORTCUT_ROUNDS):
         if len(points) < 3:
             break
         along = _along(points * space.weights)
-        ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS, 2)), axis=1)
+        ends = np.sort(rng.uniform(0.0, along[-1], (_SHORTCUTS_PER_ROUND, 2)), axis=1)
         if partial:
-            straight[::2] = rng.integers(0, 2, straight[::2].shape)
+            is_straight[::2] = rng.integers(0, 2, is_straight[::2].shape)
         # rows of the last corners before the start and before the end of each shortcut
         i = np.searchsorted(along, ends[:, 0], side="right") - 1
         j = np.searchsorted(along, ends[:, 1], side="right") - 1
@@ -354,7 +355,7 @@ def shortcuts(
         first = []  # row of each part's first connection
         count = 0
         for k, shortcut in enumerate(changing):
-            part = _shortcut(points, along, i[k], j[k], ends[shortcut], straight[shortcut])
+            part = _shortcut(points, along, i[k], j[k], ends[shortcut], is_straight[shortcut])
             parts.append(part)
             starts_of_parts.append(part[:-1])
             stops_of_parts.append(part[1:])
@@ -376,7 +377,7 @@ def shortcuts(
         yield points
 
 
-def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight: np.ndarray) -> Array:
+def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, is_straight: np.ndarray) -> Array:
     """Return the corners (m, n) of a path from corner i to corner j + 1 with a shortcut between two points.
 
     Args:
@@ -385,16 +386,16 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
         i: row of the last corner before the shortcut.
         j: row of the last corner before the end of the shortcut.
         ends: (2,) length of the path up to the start and the end of the shortcut.
-        straight: (n,) bool: joints that move in a straight line; the others move as before.
+        is_straight: (n,) bool: joints that move in a straight line; the others move as before.
     """
     begin, end = ends
     first = _point_at(points, along, begin)
     last = _point_at(points, along, end)
-    if straight.all():
+    if is_straight.all():
         return np.array([points[i], first, last, points[j + 1]])
     skipped = slice(i + 1, j + 1)
     share = (along[skipped, None] - begin) / (end - begin)
-    between = np.where(straight, first + share * (last - first), points[skipped])
+    between = np.where(is_straight, first + share * (last - first), points[skipped])
     return np.concatenate([[points[i], first], between, [last, points[j + 1]]])
 
 

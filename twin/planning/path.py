@@ -15,19 +15,19 @@ from numpy.polynomial import chebyshev
 
 from twin.core.spatial import Array
 
-_FEWEST = 17
+_FEWEST_COEFFICIENTS = 17
 """Smallest number of coefficients of a fitted series."""
 
-_MOST = 513
+_MOST_COEFFICIENTS = 513
 """Largest number of coefficients of a fitted series."""
 
-_ROUNDING = 1e-13
+_ROUNDING_LEVEL = 1e-13
 """A coefficient below this fraction of the largest value counts as a rounding error."""
 
-_NOISE = 1e-9
+_NOISE_LEVEL = 1e-9
 """Last coefficients up to this fraction of the largest value can be the noise of an iterative inverse."""
 
-_TRIED = 128
+_NOISE_POSSIBLE_FROM = 128
 """Number of coefficients above which last coefficients that do not vanish are taken for noise."""
 
 
@@ -76,19 +76,19 @@ def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
     For a less accurate function (an iterative inverse), the degree stops increasing at the noise level. The caller
     must check the truncation error `tail`.
     """
-    count = _FEWEST
+    count = _FEWEST_COEFFICIENTS
     while True:
         c, values = _coefficients(function, count)
         scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
         last = c[-max(3, count // 5) :]
         tail = np.max(np.abs(last), axis=0)
-        converged = bool(np.all(tail <= _ROUNDING * scale))
-        noisy = count > _TRIED and bool(np.all(tail <= _NOISE * scale))
-        if converged or noisy or 2 * count - 1 > _MOST:
-            smallest = _ROUNDING * scale / 10
+        converged = bool(np.all(tail <= _ROUNDING_LEVEL * scale))
+        noisy = count > _NOISE_POSSIBLE_FROM and bool(np.all(tail <= _NOISE_LEVEL * scale))
+        if converged or noisy or 2 * count - 1 > _MOST_COEFFICIENTS:
+            smallest = _ROUNDING_LEVEL * scale / 10
             if not converged:  # coefficients at the level of the noise
                 smallest = np.maximum(smallest, 3 * tail)
-            return ChebyshevPath(_without_small(c, smallest), tail)
+            return ChebyshevPath(_without_rounding(c, smallest), tail)
         count = 2 * count - 1
 
 
@@ -103,11 +103,11 @@ def _coefficients(function: Callable[[Array], Array], count: int) -> tuple[Array
     return c, values
 
 
-def _without_small(c: Array, smallest: Array) -> Array:
+def _without_rounding(c: Array, smallest: Array) -> Array:
     """Return coefficients c (k, n), those up to `smallest` (n,) as 0, up to the last degree that is left."""
     keep = np.abs(c) > smallest
-    kept_degrees = np.flatnonzero(keep.any(axis=1))
-    degree = int(np.max(kept_degrees, initial=0))
+    degrees = np.flatnonzero(keep.any(axis=1))
+    degree = int(np.max(degrees, initial=0))
     # two coefficients at least, so that the series has a derivative
     count = max(degree + 1, 2)
     return np.where(keep, c, 0.0)[:count]

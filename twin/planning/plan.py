@@ -29,12 +29,12 @@ from twin.planning.sampled_phase import SampledPhase
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
 
-_PROBES = 9
+_PROBED_POSES = 9
 """Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""
 
 
 @dataclass(frozen=True)
-class Leg:
+class PlannedPhase:
     """A planned phase, sampled at every dt including both ends; see `Trajectory` for q, qd, qdd.
 
     `curve` is the path that was timed; None if the samples were given.
@@ -74,7 +74,7 @@ def plan(
     T_tool_frame = np.asarray(T_tool_frame, float)
     if T_tool_frame.shape != (4, 4) or not spatial.is_pose(T_tool_frame):
         raise ProtocolError(f"{protocol.name}: T_tool_frame of '{protocol.frame}' is not a pose")
-    legs: list[Leg] = []
+    planned: list[PlannedPhase] = []
     findings = list(protocol.findings)
     say = progress or (lambda label: None)
     rounds: dict[str, SearchRounds] = {}
@@ -88,10 +88,10 @@ def plan(
         paths = with_free_paths(paths, kinematics, protocol.name, say, rounds.__setitem__)
     for path in paths:
         say(path.phase.name)
-        leg, certified = _leg(path, protocol, kinematics, dt)
-        legs.append(leg)
+        phase, certified = _planned_phase(path, protocol, kinematics, dt)
+        planned.append(phase)
         findings += certified
-    trajectory = assemble(protocol, kinematics, T_tool_frame, legs, dt)
+    trajectory = assemble(protocol, kinematics, T_tool_frame, planned, dt)
     phases = []
     for span in trajectory.phases:
         phases.append(replace(span, rounds=rounds.get(span.name)))
@@ -109,7 +109,7 @@ def _guide(
     if not has_joint_waypoints and not has_samples and protocol.free is None:
         if kinematics.takes is None:
             return None
-        s = np.linspace(0.0, 1.0, _PROBES)
+        s = np.linspace(0.0, 1.0, _PROBED_POSES)
         Ts = []
         for path in build(protocol, T_tool_frame):
             Ts.append(path.motion(s).Ts_base_tool)
@@ -120,7 +120,7 @@ def _guide(
     return MechanismFollower(protocol, kinematics, kinematics.carrier, progress, searched)
 
 
-def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:
+def _proven_clearance(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:
     """Return a finding with the proven clearance along a free phase."""
     if kinematics.space is None:
         return []
@@ -133,10 +133,12 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
     return clearance_findings(certificate, phase.name, scene=phase.scene)
 
 
-def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:
+def _planned_phase(
+    path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float
+) -> tuple[PlannedPhase, list[Finding]]:
     """Return a phase with its timing and samples, and a finding with the clearance of a free phase."""
     if isinstance(path, SampledPhase):
-        return Leg(path, *path.sampled(dt)), []
+        return PlannedPhase(path, *path.sampled(dt)), []
     where = f"{protocol.name}: phase '{path.phase.name}' ({path.phase.type})"
     try:
         require_feasible(path, kinematics, protocol.frame, protocol.name)
@@ -149,7 +151,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     joints = path.driven(kinematics, where)
     certified = []
     if isinstance(path.phase, Free):
-        certified = _certified(path.phase, kinematics, joints)
+        certified = _proven_clearance(path.phase, kinematics, joints)
     try:
         timing = timed([demands(path, joints, protocol, kinematics, dt)], dt, protocol.timing)
     except TimingError as error:
@@ -157,7 +159,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     return sampled(path, joints, timing, kinematics), certified
 
 
-def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> Leg:
+def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinematics) -> PlannedPhase:
     """Return a phase with its samples; `joints` is the path of the driven joints in this phase."""
     first = joints(timing.s, 1)
     second = joints(timing.s, 2)
@@ -165,7 +167,7 @@ def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinem
     assert timing.rates is not None
     sd = timing.sd[:, None]
     sdd = timing.sdd[:, None]
-    return Leg(
+    return PlannedPhase(
         path=path,
         timing=timing,
         motion=path.motion(timing.s),
@@ -177,15 +179,15 @@ def sampled(path: PhasePath, joints: Path, timing: Timing, kinematics: PathKinem
 
 
 def assemble(
-    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, legs: list[Leg], dt: float
+    protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, planned: list[PlannedPhase], dt: float
 ) -> Trajectory:
     """Join the planned phases; the sample at the border of two phases is that of the earlier phase."""
     spans: list[PhaseSpan] = []
     waypoints: dict[str, list[int]] = {protocol.start: [0]}
     start = 0
-    for leg in legs:
-        stop = start + len(leg.timing.t) - 1
-        path = leg.path
+    for phase in planned:
+        stop = start + len(phase.timing.t) - 1
+        path = phase.path
         spans.append(
             PhaseSpan(
                 name=path.phase.name,
@@ -199,29 +201,29 @@ def assemble(
                 rcm_mode=path.rcm_mode,
                 depth0=path.depth0,
                 depth1=path.depth1,
-                optimal=leg.timing.optimal,
-                overshoot=leg.timing.overshoot,
-                solver=leg.timing.solver,
-                knots=leg.timing.knots,
-                smoothing=leg.timing.smoothing,
-                for_jerk=leg.timing.for_jerk,
-                curve=leg.curve,
+                optimal=phase.timing.optimal,
+                overshoot=phase.timing.overshoot,
+                solver=phase.timing.solver,
+                knots=phase.timing.knots,
+                smoothing=phase.timing.smoothing,
+                for_jerk=phase.timing.for_jerk,
+                curve=phase.curve,
             )
         )
         if path.waypoint is not None:
             waypoints.setdefault(path.waypoint, []).append(stop)
         start = stop
 
-    def joined(of: Callable[[Leg], Array]) -> Array:
+    def joined(of: Callable[[PlannedPhase], Array]) -> Array:
         """Return the samples of all phases; the first sample of each phase but the first is left out."""
-        parts = [of(legs[0])]
-        for leg in legs[1:]:
-            parts.append(of(leg)[1:])
+        parts = [of(planned[0])]
+        for phase in planned[1:]:
+            parts.append(of(phase)[1:])
         return np.concatenate(parts)
 
-    Ts = joined(lambda leg: leg.motion.Ts_base_tool)
+    Ts = joined(lambda phase: phase.motion.Ts_base_tool)
     Ts_frame = Ts @ T_tool_frame
-    q = joined(lambda leg: leg.q)
+    q = joined(lambda phase: phase.q)
     rcm = np.full(len(q), np.nan)
     depth = np.full(len(q), np.nan)
     for span in spans:
@@ -241,16 +243,16 @@ def assemble(
         joint_names=kinematics.joint_names,
         t=np.arange(len(q), dtype=np.float64) * dt,
         q=q,
-        qd=joined(lambda leg: leg.qd),
-        qdd=joined(lambda leg: leg.qdd),
+        qd=joined(lambda phase: phase.qd),
+        qdd=joined(lambda phase: phase.qdd),
         Ts_base_tool=Ts,
         frame=protocol.frame,
         Ts_base_frame=Ts_frame,
         shaft_axis=protocol.shaft_axis,
-        tip_velocity=joined(lambda leg: leg.motion.p1 * leg.timing.sd[:, None]),
-        tip_acceleration=joined(lambda leg: _second(leg, leg.motion.p1, leg.motion.p2)),
-        angular_velocity=joined(lambda leg: leg.motion.w1 * leg.timing.sd[:, None]),
-        angular_acceleration=joined(lambda leg: _second(leg, leg.motion.w1, leg.motion.w2)),
+        tip_velocity=joined(lambda phase: phase.motion.p1 * phase.timing.sd[:, None]),
+        tip_acceleration=joined(lambda phase: _second_time_derivative(phase, phase.motion.p1, phase.motion.p2)),
+        angular_velocity=joined(lambda phase: phase.motion.w1 * phase.timing.sd[:, None]),
+        angular_acceleration=joined(lambda phase: _second_time_derivative(phase, phase.motion.w1, phase.motion.w2)),
         phases=tuple(spans),
         waypoints=dict(zip(waypoints, map(tuple, waypoints.values()), strict=True)),
         rcm_error=rcm,
@@ -262,6 +264,6 @@ def assemble(
     )
 
 
-def _second(leg: Leg, first: Array, second: Array) -> Array:
+def _second_time_derivative(phase: PlannedPhase, first: Array, second: Array) -> Array:
     """Return the second time derivative (k, 3) from the derivatives (k, 3) with respect to the path parameter."""
-    return first * leg.timing.sdd[:, None] + second * leg.timing.sd[:, None] ** 2
+    return first * phase.timing.sdd[:, None] + second * phase.timing.sd[:, None] ** 2

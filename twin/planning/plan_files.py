@@ -27,7 +27,7 @@ from twin.planning.protocol import Limits, Protocol, TrajectoryTolerances
 
 SCENE = "scene.toml"
 
-_COPIED = ("touching", "port", "camera")
+_COPIED_TABLES = ("touching", "port", "camera")
 """Tables of the scene file that are copied."""
 
 _DIGITS = 12
@@ -118,7 +118,7 @@ def write_plan_scene(
         place = {**robot_table, "protocol": files[robot_table["name"]]}
         place.pop("start", None)  # the protocol says where the robot starts
         places.append(place)
-    copied = {key: table[key] for key in _COPIED if key in table}
+    copied = {key: table[key] for key in _COPIED_TABLES if key in table}
     (folder / SCENE).write_text(tomlkit.dumps({**head, **copied, "robot": places}), encoding="utf-8")
 
 

@@ -26,26 +26,26 @@ from twin.planning.path import Path, line
 from twin.planning.rounds import SearchRound
 from twin.planning.space import PathCertificate, Space
 
-_SHORTEST = 0.05
+_LEAST_PROGRESS_WEIGHT = 0.05
 """Minimum weight in m of the coordinate u; if the path of the earlier arms is longer, its length is the weight."""
 
-_PARTS = 8
+_PARTS_OF_CONNECTION = 8
 """Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
 
 _SAMPLES = 513
 """Number of points at which a path is evaluated for its length and for its direction."""
 
-_LOOKS = 9
+_CURVATURE_SAMPLES = 9
 """Number of points at which the curvature of the path of the earlier arms is evaluated."""
 
-_ROUNDED_RATE = 1e-9
+_RATE_ROUNDING = 1e-9
 """Rounding by which u may grow faster than by 1 per unit of a path's parameter without a further part."""
 
-_STRAIGHT = 1e-9
+_STRAIGHT_CURVATURE = 1e-9
 """Second derivative of a path (in m or rad) up to which it counts as straight."""
 
 
-class Composed:
+class CommonPath:
     """Path q(s) of all arms: the path `first` of the earlier arms at u(s), then the joint values of the new arm.
 
     `path` returns the joint values of the new arm, then u.
@@ -73,7 +73,7 @@ class Composed:
         return np.column_stack([earlier, z2[:, :-1]])
 
 
-class _Part:
+class _PathPart:
     """The part of a path from s = `begin` to s = `end`, with a parameter from 0 to 1."""
 
     def __init__(self, path: Path, begin: float, end: float) -> None:
@@ -91,7 +91,7 @@ class _Part:
         return self._path(self._begin + width * np.asarray(s, float), order) * width**order
 
 
-class Behind(Space):
+class NewArmSpace(Space):
     """Space of a new arm: its joint values, then u, the covered fraction of the path of the earlier arms."""
 
     def __init__(self, all_arms: Space, first: Path) -> None:
@@ -107,13 +107,13 @@ class Behind(Space):
         self._before = samples.shape[1]  # number of joints of the earlier arms
         steps = np.diff(samples, axis=0) * all_arms.weights[: self._before]
         path_length = float(np.linalg.norm(steps, axis=1).sum())
-        self._length = max(path_length, _SHORTEST)
-        curvature = np.abs(first(np.linspace(0.0, 1.0, _LOOKS), 2))
-        self._straight = bool(curvature.max(initial=0.0) < _STRAIGHT)
+        self._length = max(path_length, _LEAST_PROGRESS_WEIGHT)
+        curvature = np.abs(first(np.linspace(0.0, 1.0, _CURVATURE_SAMPLES), 2))
+        self._straight = bool(curvature.max(initial=0.0) < _STRAIGHT_CURVATURE)
 
-    def interruptible(self, check: Callable[[], None]) -> Behind:
+    def interruptible(self, check: Callable[[], None]) -> NewArmSpace:
         """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
-        return Behind(self.all_arms.interruptible(check), self.first)
+        return NewArmSpace(self.all_arms.interruptible(check), self.first)
 
     @property
     def limits(self) -> Array:
@@ -141,17 +141,17 @@ class Behind(Space):
         length_of = length(self.weights)
         return lambda a, b: np.where(b[:, -1] >= a[:, -1], length_of(a, b), np.inf)
 
-    def lifted(self, z: Array) -> Array:
+    def joints_of_all_arms(self, z: Array) -> Array:
         """Return the joint values (k, all) of all arms at z (k, n + 1)."""
         return np.column_stack([self.first(np.clip(z[:, -1], 0.0, 1.0)), z[:, :-1]])
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether all arms are free of collisions at q (k, n + 1)."""
-        return self.all_arms.free(self.lifted(np.asarray(q, float)), exact=exact)
+        return self.all_arms.free(self.joints_of_all_arms(np.asarray(q, float)), exact=exact)
 
     def clearances(self, q: Array, most: float) -> Array:
         """Return lower bounds (k,) in m of the minimum distance between bodies at q (k, n + 1), each at most `most`."""
-        return self.all_arms.clearances(self.lifted(np.asarray(q, float)), most)
+        return self.all_arms.clearances(self.joints_of_all_arms(np.asarray(q, float)), most)
 
     def steer(self, a: Array, b: Array) -> Path:
         """Return the straight path from a (n + 1,) to b (n + 1,)."""
@@ -159,12 +159,12 @@ class Behind(Space):
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
-        count = _PARTS
+        count = _PARTS_OF_CONNECTION
         if self._straight:
             count = 1
         corners = []
         for fraction in np.linspace(0.0, 1.0, count + 1):
-            corners.append(self.lifted(a + fraction * (b - a)))
+            corners.append(self.joints_of_all_arms(a + fraction * (b - a)))
         free = b[:, -1] >= a[:, -1] - ROUNDING
         for start, end in pairwise(corners):
             # only connections whose parts before are free are tested further
@@ -198,33 +198,40 @@ class Behind(Space):
                 nearest_part = part
         return replace(nearest, proven=proven, s=nearest_part.at(nearest.s))  # pyright: ignore
 
-    def _parts(self, path: Path) -> list[_Part]:
+    def _parts(self, path: Path) -> list[_PathPart]:
         """Divide the path of all arms into parts in which u grows by at most 1 per unit of the part's parameter.
 
         The tests of paths assume that speeds change little within 1/512 of a path, as they do on the path `first`.
         """
         derivatives = path(np.linspace(0.0, 1.0, _SAMPLES), 1)
         fastest = np.abs(derivatives[:, -1]).max()
-        count = max(int(np.ceil(fastest - _ROUNDED_RATE)), 1)
+        count = max(int(np.ceil(fastest - _RATE_ROUNDING)), 1)
         borders = np.linspace(0.0, 1.0, count + 1).tolist()
-        composed = Composed(self.first, path)
+        common_path = CommonPath(self.first, path)
         parts = []
         for begin, end in pairwise(borders):
-            parts.append(_Part(composed, begin, end))
+            parts.append(_PathPart(common_path, begin, end))
         return parts
 
     def why(self, q: Array) -> str:
         """Return why q (n + 1,) is not free, with values and limits; "" if it is free."""
-        return self.all_arms.why(self._lifted_one(q))
+        return self.all_arms.why(self._joints_of_all_arms_at(q))
+
+    def too_small_distance(self, q: Array) -> float | None:
+        """Return the distance in m of the two bodies that lack most of the required clearance at q (n + 1,); or None.
+
+        See `Space.too_small_distance`.
+        """
+        return self.all_arms.too_small_distance(self._joints_of_all_arms_at(q))
 
     def named(self, q: Array) -> str:
         """Return the joint values of all arms at q (n + 1,) as text."""
-        return self.all_arms.named(self._lifted_one(q))
+        return self.all_arms.named(self._joints_of_all_arms_at(q))
 
-    def _lifted_one(self, q: Array) -> Array:
-        """Return `lifted` of one q (n + 1,)."""
-        (lifted_values,) = self.lifted(np.asarray(q, float)[None])
-        return lifted_values
+    def _joints_of_all_arms_at(self, q: Array) -> Array:
+        """Return `joints_of_all_arms` of one q (n + 1,)."""
+        (joint_values,) = self.joints_of_all_arms(np.asarray(q, float)[None])
+        return joint_values
 
 
 def beside(
@@ -237,7 +244,7 @@ def beside(
     progress: StepProgress = silent_step,
     cancelled: Callable[[], bool] | None = None,
     ended: Callable[[SearchRound, SearchTree], None] = lambda round, tree: None,
-) -> Composed:
+) -> CommonPath:
     """Return a common path of all arms: a new arm moves from start to goal while the earlier arms follow `first`.
 
     Args:
@@ -254,7 +261,7 @@ def beside(
         CancelledError: `cancelled` returned True.
         ProtocolError: start or goal collides with any arm or obstacle, or no path was found.
     """
-    space = Behind(all_arms, first)
+    space = NewArmSpace(all_arms, first)
     path = around(
         space,
         np.append(start, 0.0),
@@ -265,4 +272,4 @@ def beside(
         cost=space.cost,
         ended=ended,
     )
-    return Composed(first, path)
+    return CommonPath(first, path)

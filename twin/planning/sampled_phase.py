@@ -23,17 +23,17 @@ from twin.planning.protocol import Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of
 from twin.planning.timing import Timing
 
-_COARSE = 0.02
+_CARRYING_STEP = 0.02
 """Time step in s with which the mechanism is moved from the start to the end of the phase."""
 
 _OVERSHOOT = 0.01
 """Largest overshoot of a joint's spline beyond two successive samples, as a fraction of the joint's largest step."""
 
-_ROUNDED_STEPS = 1e-6
+_STEP_ROUNDING = 1e-6
 """Part of a time step by which a duration may be longer than a whole number of them: rounding in the file."""
 
-_PLACES = 19
-"""Number of places between two samples at which the overshoot is measured."""
+_OVERSHOOT_POINTS = 19
+"""Number of points between two samples at which the overshoot is measured."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class SampledPhase(PhasePath):
 
         The last sample is at the first multiple of dt that is not before the end of the given samples.
         """
-        count = max(int(np.ceil(self.duration / dt - _ROUNDED_STEPS)), 1)
+        count = max(int(np.ceil(self.duration / dt - _STEP_ROUNDING)), 1)
         t = dt * np.arange(count + 1, dtype=np.float64)
         # The last multiple of dt may lie after the given samples: there, the last values hold.
         q = self.values(np.minimum(t, self.duration))
@@ -123,7 +123,7 @@ def sampled_phase(
                 f"{q[column] / factor:.6g} {unit}, a difference of {difference / factor:.3g} {unit} (tolerance "
                 f"{tolerance / factor:g} {unit}): change the samples, or where the phase begins"
             )
-    curve = between(phase.t, phase.q)
+    curve = curve_through(phase.t, phase.q)
 
     def values(t: Array) -> Array:
         rows = np.repeat(q[None], len(t), axis=0)
@@ -137,7 +137,7 @@ def sampled_phase(
             raise ProtocolError(f"{where} cannot be carried out: {error}") from error
 
     duration = float(phase.t[-1])
-    steps = max(int(duration / _COARSE), 1)
+    steps = max(int(duration / _CARRYING_STEP), 1)
     rows = values(np.linspace(0.0, duration, steps + 1))
     states, Ts = carry(rows)
     sampled = SampledPhase(**vars(path), duration=duration, values=values, carry=lambda rows: carry(rows)[1])
@@ -147,7 +147,7 @@ def sampled_phase(
     return sampled, rows[-1], states[-1]
 
 
-def between(t: Array, q: Array) -> Callable[[Array], Array]:
+def curve_through(t: Array, q: Array) -> Callable[[Array], Array]:
     """Return a curve, with slope zero at both ends, through samples q (k, n) at times t (k,) in s.
 
     The curve is a function of times (j,) that returns (j, n): per joint, a cubic spline if it exceeds no two successive
@@ -160,7 +160,7 @@ def between(t: Array, q: Array) -> Callable[[Array], Array]:
     low = np.minimum(q[:-1], q[1:])
     high = np.maximum(q[:-1], q[1:])
     excess = np.zeros(q.shape[1])
-    for part in np.linspace(0.0, 1.0, _PLACES + 2)[1:-1]:
+    for part in np.linspace(0.0, 1.0, _OVERSHOOT_POINTS + 2)[1:-1]:
         value = spline(t[:-1] + part * np.diff(t))
         beyond = np.maximum(low - value, value - high)
         excess = np.maximum(excess, beyond.max(axis=0))
@@ -173,11 +173,11 @@ def between(t: Array, q: Array) -> Callable[[Array], Array]:
     before = secants[:-1]
     after = secants[1:]
     # Hyman's condition: a cubic stays monotonic if no slope exceeds three times the smaller of the secants beside it.
-    most = 3 * np.minimum(np.abs(before), np.abs(after))
-    inner = np.clip(slopes[1:-1], -most, most)
-    same_way = (before * after > 0) & (inner * after > 0)
+    largest_slope = 3 * np.minimum(np.abs(before), np.abs(after))
+    inner = np.clip(slopes[1:-1], -largest_slope, largest_slope)
+    is_monotonic = (before * after > 0) & (inner * after > 0)
     limited = np.zeros_like(slopes)
-    limited[1:-1] = np.where(same_way, inner, 0.0)
+    limited[1:-1] = np.where(is_monotonic, inner, 0.0)
     return CubicHermiteSpline(t, q, np.where(overshoots, limited, slopes))
 
 

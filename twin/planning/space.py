@@ -15,10 +15,10 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.planning.path import Path
 
-_HALF_EDGES = (0.01, 0.03, 0.1, 0.3, 1.0)
+_BOX_HALF_EDGES = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Half edges of the searched boxes in order of search, divided by the joint ranges."""
 
-_SAMPLES = 200
+_SAMPLES_PER_BOX = 200
 """Number of samples per box."""
 
 _HALVINGS = 8
@@ -113,6 +113,13 @@ class Space(Interface):
         """Return why joint values q (n,) are not free, with values and limits; "" if they are free."""
         ...
 
+    def too_small_distance(self, q: Array) -> float | None:
+        """Return the distance in m of the two bodies that lack most of the required clearance at q (n,).
+
+        It is 0 or less if they collide; None if q is free, or not free for another reason than a distance.
+        """
+        ...
+
     def named(self, q: Array) -> str:
         """Return joint values q (n,) as text, with names and units as in a waypoint of a protocol."""
         ...
@@ -129,8 +136,8 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
     if space.free(inside[None])[0]:
         return inside
     # Small boxes first: in a large one, few samples would be near the configuration.
-    for half_edge in _HALF_EDGES:
-        offsets = rng.uniform(-half_edge, half_edge, (_SAMPLES, len(q))) * (upper - lower)
+    for half_edge in _BOX_HALF_EDGES:
+        offsets = rng.uniform(-half_edge, half_edge, (_SAMPLES_PER_BOX, len(q))) * (upper - lower)
         samples = np.clip(inside + offsets, lower, upper)
         samples = samples[space.free(samples)]
         if len(samples):
@@ -143,7 +150,7 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
 def _moved_towards(space: Space, free: Array, blocked: Array) -> Array:
     """Return a free point of the line from the configuration `free` (n,) to `blocked` (n,), near its blocked part."""
     low = 0.0  # fraction of the line where it is free
-    high = 1.0
+    high = 1.0  # fraction where it is blocked
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         configuration = free + middle * (blocked - free)

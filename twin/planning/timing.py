@@ -32,24 +32,22 @@ Load = Callable[[Array, Array, Array], tuple[Array, Array]]
 Jerk = Callable[[Array, Array, Array], float]
 """Function: s, ds/dt, d2s/dt2, each (k,), sampled at every dt -> largest jerk divided by its limit."""
 
-OVER = 1e-3
+ACCEPTED_EXCESS = 1e-3
 """Fraction by which a sample may exceed a limit; a larger excess is an error."""
 
-_ROUNDED_STEPS = 1e-9
+_STEP_ROUNDING = 1e-9
 """Part of a time step by which a duration may be longer than a whole number of them."""
 
-_REFINE = 1.01
+_REFINED_ABOVE = 1.01
 """Acceleration divided by its limit, above which a finer grid is tried before the motion is slowed down."""
 
-
-_TRIES = 20
+_MOST_SLOWDOWNS = 20
 """Maximum number of attempts to slow down; one attempt is sufficient for a path without kinks."""
 
-
-_SLOWEST = 1e3
+_LARGEST_SLOWDOWN = 1e3
 """Maximum slowdown factor in the search for a motion within the jerk limit."""
 
-_GROWTH = 64
+_LARGEST_WINDOW_GROWTH = 64
 """Maximum factor from one averaging window to the next in the search for a sufficient window."""
 
 _LEAST_SLOWDOWN = 1.02
@@ -139,23 +137,23 @@ def time_path(
         extra_first, extra_second = extra(s)
         return np.column_stack([first, extra_first]), np.column_stack([second, extra_second])
 
-    judge = load or _plain_load(derivatives, max_speed, max_acceleration)
+    check_load = load or _plain_load(derivatives, max_speed, max_acceleration)
 
     def rates_on(grid: Array) -> Array:
         first, second = derivatives(grid)
         return _rates(grid, first, second, max_speed, max_acceleration, solver)
 
-    grid, rates, speed, acceleration = _refined(rates_on, judge, knots, finest)
+    grid, rates, speed, acceleration = _refined(rates_on, check_load, knots, finest)
     durations = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
     optimal = float(np.sum(durations))
     # a motion slowed down by c has speeds c times, and accelerations c² times smaller
-    slower = max(1.0, speed, np.sqrt(acceleration))
-    pace = _Pace(grid, rates, optimal, dt, judge, jerk)
+    slowdown = max(1.0, speed, np.sqrt(acceleration))
+    optimal_motion = _OptimalMotion(grid, rates, optimal, dt, check_load, jerk)
     window = 0
-    slowest = slower
-    samples, excess = pace.samples(window, slower)
+    final_slowdown = slowdown
+    samples, excess = optimal_motion.samples(window, slowdown)
     if excess > 1:
-        samples, window, slowest = _averaged(pace, slower)
+        samples, window, final_slowdown = _averaged(optimal_motion, slowdown)
     t, s, sd, sdd = samples
     duration = float(t[-1])
     smoothing = window * dt
@@ -170,14 +168,14 @@ def time_path(
         knots=len(grid),
         solver=solver,
         smoothing=smoothing,
-        for_jerk=slowest / slower,
+        for_jerk=final_slowdown / slowdown,
         grid=grid,
-        rates=rates * (optimal / (duration - smoothing)),  # as `_Pace.samples` stretched them
+        rates=rates * (optimal / (duration - smoothing)),  # as `_OptimalMotion.samples` stretched them
     )
 
 
 @dataclass(frozen=True)
-class _Pace:
+class _OptimalMotion:
     """The optimal motion, to be slowed down: `rates` are its ds/dt on `grid`, `optimal` is its duration in s."""
 
     grid: Array
@@ -187,20 +185,20 @@ class _Pace:
     load: Load
     jerk: Jerk | None
 
-    def samples(self, window: int, slower: float) -> tuple[TimedSamples, float]:
+    def samples(self, window: int, slowdown: float) -> tuple[TimedSamples, float]:
         """Return (samples of the motion, their jerk divided by its limit).
 
-        The motion is `slower` times as long, or more, until speed and acceleration are within their limits; then it is
-        averaged over a window of samples.
+        The motion is `slowdown` times as long, or more, until speed and acceleration are within their limits; then it
+        is averaged over a window of samples.
 
         Raises:
-            TimingError: the limits are exceeded even after `_TRIES` attempts.
+            TimingError: the limits are exceeded even after `_MOST_SLOWDOWNS` attempts.
         """
         steps = 1
         worst = np.inf
-        for _ in range(_TRIES):
+        for _ in range(_MOST_SLOWDOWNS):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
-            needed = int(np.ceil(self.optimal * slower / self.dt - _ROUNDED_STEPS))
+            needed = int(np.ceil(self.optimal * slowdown / self.dt - _STEP_ROUNDING))
             steps = max(steps + 1, needed)
             stretched = self.rates * (self.optimal / (steps * self.dt))
             samples = sample(self.grid, stretched, steps, self.dt, window)
@@ -209,13 +207,13 @@ class _Pace:
             largest_speed = float(np.max(speeds))
             largest_acceleration = float(np.max(accelerations))
             worst = max(largest_speed, largest_acceleration)
-            if worst <= 1.0 + OVER:
+            if worst <= 1.0 + ACCEPTED_EXCESS:
                 relative_jerk = 0.0
                 if self.jerk:
                     relative_jerk = self.jerk(s, sd, sdd)
                 return samples, relative_jerk
             # the curvature of the path is so large that the grid missed its worst point
-            slower *= max(largest_speed, np.sqrt(largest_acceleration))
+            slowdown *= max(largest_speed, np.sqrt(largest_acceleration))
         raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
 
 
@@ -225,53 +223,53 @@ def _refined(
     """Return (grid, ds/dt on it, largest speed and acceleration, each divided by its limit) of the optimal motion.
 
     The grid, at first of `knots` points, is refined up to `finest` points until the acceleration between its points is
-    within `_REFINE`.
+    within `_REFINED_ABOVE`.
     """
     while True:
         grid = np.linspace(0.0, 1.0, knots)
         rates = rates_on(grid)
         speed, acceleration = _peaks(grid, rates, load)
-        if acceleration <= _REFINE or 2 * knots - 1 > finest:
+        if acceleration <= _REFINED_ABOVE or 2 * knots - 1 > finest:
             return grid, rates, speed, acceleration
         # every second point is one of the grid before
         knots = 2 * knots - 1
 
 
-def _averaged(pace: _Pace, slower: float) -> tuple[TimedSamples, int, float]:
+def _averaged(optimal_motion: _OptimalMotion, slowdown: float) -> tuple[TimedSamples, int, float]:
     """Return samples averaged over the shortest window within the jerk limit, the window in samples, and the slowdown.
 
-    If no window suffices, the motion is slowed down further; the slowdown is `slower` times the factor for this.
+    If no window suffices, the motion is slowed down further; the returned slowdown includes the factor for this.
     """
-    steps = pace.optimal / pace.dt
+    steps = optimal_motion.optimal / optimal_motion.dt
     least = np.inf
-    while slower < _SLOWEST:
+    while slowdown < _LARGEST_SLOWDOWN:
         low = 0
         high = 1
         least = np.inf
-        longest = int(2 * slower * steps)
+        longest = int(2 * slowdown * steps)
         while low < longest:
-            samples, excess = pace.samples(high, slower)
+            samples, excess = optimal_motion.samples(high, slowdown)
             if excess <= 1:
-                samples, window = _shortest(pace, slower, low, (high, samples, excess))
-                return samples, window, slower
+                samples, window = _shortest(optimal_motion, slowdown, low, (high, samples, excess))
+                return samples, window, slowdown
             # The jerk is roughly inversely proportional to the window.
-            further = max(2 * high, int(high * min(excess, _GROWTH)))
+            further = max(2 * high, int(high * min(excess, _LARGEST_WINDOW_GROWTH)))
             low = high
             high = min(further, longest)
             least = min(least, excess)
         # a motion slowed down by c has jerks c³ times smaller
-        slower *= max(float(np.cbrt(least)), _LEAST_SLOWDOWN)
+        slowdown *= max(float(np.cbrt(least)), _LEAST_SLOWDOWN)
     raise TimingError(f"the jerk is at least {least:.3g} times its limit, even for a very slow motion")
 
 
 def _shortest(
-    pace: _Pace, slower: float, low: int, sufficient: tuple[int, TimedSamples, float]
+    optimal_motion: _OptimalMotion, slowdown: float, low: int, sufficient: tuple[int, TimedSamples, float]
 ) -> tuple[TimedSamples, int]:
     """Return the samples of the shortest sufficient window, and this window; it is accurate to 2 % or one sample.
 
     Args:
-        pace: the motion.
-        slower: factor by which the motion is slowed down.
+        optimal_motion: the motion.
+        slowdown: factor by which the motion is slowed down.
         low: window that is not sufficient.
         sufficient: (sufficient window, its samples, their jerk divided by the limit).
     """
@@ -286,7 +284,7 @@ def _shortest(
         else:
             window = round(factor * high * excess)
         if low < window < high:
-            averaged, relative_jerk = pace.samples(window, slower)
+            averaged, relative_jerk = optimal_motion.samples(window, slowdown)
             if relative_jerk > 1:
                 low = window
             else:

@@ -26,22 +26,25 @@ if TYPE_CHECKING:
 
     from twin.codegen import Kernel
 
-_FREE = 1e12
+_LARGEST_SQUARED_RATE = 1e12
 """Maximum squared rate (ds/dt)^2 without a speed limit; the mean rate of the dimensionless problem is about 1."""
 
-_FLAT = 1e-24
-"""Minimum coefficient of y, the squared rate at the next grid point; since y <= `_FREE`, a row changes by <= 1e-12."""
+_LEAST_COEFFICIENT = 1e-24
+"""Minimum coefficient of y, the squared rate at the next grid point.
 
-_SHRINK = 1e-12
+Since y <= `_LARGEST_SQUARED_RATE`, a row changes by at most 1e-12.
+"""
+
+_ROOT_MARGIN = 1e-12
 """Fraction subtracted from each largest x, so that rounding cannot exceed the root."""
 
-_SLACK = 1e-9
+_BACKWARD_MARGIN = 1e-9
 """Fraction of the limits that the backward pass leaves unused, so that rounding cannot stop the forward pass."""
 
-_EXCESS = 1e-6
+_ROW_TOLERANCE = 1e-6
 """Fraction by which a row of the result may exceed its limit; a larger excess is a failure."""
 
-_STEPS = 100
+_MOST_NEWTON_STEPS = 100
 """Maximum number of Newton steps at a grid point; a few suffice, because the range is piecewise linear in x."""
 
 
@@ -67,7 +70,7 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     # limit of y: the largest x at the next grid point, rest at the end
     limit = np.append(largest[:, 1:], [[0.0]], axis=1)
     x, excess = forward(*arrays, limit, carry=np.zeros(1))
-    if not np.max(excess) <= _EXCESS:  # also if it is NaN
+    if not np.max(excess) <= _ROW_TOLERANCE:  # also if it is NaN
         raise TimingError(f"the acceleration limits cannot be met at s = {grid[np.argmax(excess)]:.4g}")
     return np.sqrt(np.append(0.0, x[0]))
 
@@ -92,10 +95,10 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
     arguments = [half, d0, dd0, d1, dd1]
     p = ca.vertcat(dd0 - d0 * half, -d1 * half)  # since d2s/dt2 = (y - x) / (2 ds)
     q = ca.vertcat(d0 * half, dd1 + d1 * half)
-    q = ca.copysign(ca.fmax(ca.fabs(q), _FLAT), q)
+    q = ca.copysign(ca.fmax(ca.fabs(q), _LEAST_COEFFICIENT), q)
 
-    top = 1 / ca.fmax(ca.mmax((d0 * inverse) ** 2), 1 / _FREE)
-    width = (1 - _SLACK) / ca.fabs(q)
+    top = 1 / ca.fmax(ca.mmax((d0 * inverse) ** 2), 1 / _LARGEST_SQUARED_RATE)
+    width = (1 - _BACKWARD_MARGIN) / ca.fabs(q)
     start = ca.Function("start", [*arguments, inverse], [top, p / q, width])
     # Each row allows y from -width - slope x to width - slope x.
     slopes = ca.SX.sym("slope", 2 * m)
@@ -111,12 +114,12 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
     below, below_slope = _least(lowers)
     room = above + below  # width of the range of y; it must not be negative
     root = x - room / (above_slope + below_slope)
-    new = ca.if_else(room < 0, root * (1 - _SHRINK), x)
+    new = ca.if_else(room < 0, root * (1 - _ROOT_MARGIN), x)
     newton = ca.Function("newton", [x, slopes, widths, limit], [new, room < 0])
     backward = Kernel(
         [
             Stage(start, (*inputs, "inverse"), ("x", "slope", "width")),
-            Stage(newton, ("x", "slope", "width", "limit"), ("x", "error"), _STEPS),
+            Stage(newton, ("x", "slope", "width", "limit"), ("x", "error"), _MOST_NEWTON_STEPS),
             Stage(ca.Function("keep", [x], [x]), ("x",), ("limit",)),
         ],
         inputs,

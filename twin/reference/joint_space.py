@@ -270,31 +270,67 @@ class JointSpace:
         x = self._state(q)
         if x is None:
             return "the loops of the mechanism do not close"
+        text = self._beyond_passive_limit(x)
+        if text:
+            return text
+        pair, distance = self._worst_pair(x)
+        if pair is None:
+            return ""
+        a, b = self._pairs.rows[pair]
+        names = f"{self._pairs.shapes[a].name} and {self._pairs.shapes[b].name}"
+        required = float(self._pairs.required[pair])
+        if distance <= 0:
+            return f"{names} collide (required: {required / MM:.3g} mm apart)"
+        return f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
+
+    def too_small_distance(self, q: Array) -> float | None:
+        """Return the distance in m of the two bodies that lack most of the required clearance at q (n,).
+
+        It is 0 or less if they collide; None if q is free, or not free for another reason than a distance: the reason
+        that `why` states.
+        """
+        q = np.asarray(q, float)
+        low, high = self.limits.T
+        if (np.maximum(low - q, q - high) > ROUNDING).any():
+            return None
+        x = self._state(q)
+        if x is None or self._beyond_passive_limit(x):
+            return None
+        pair, distance = self._worst_pair(x)
+        if pair is None:
+            return None
+        return distance
+
+    def _beyond_passive_limit(self, x: Array) -> str:
+        """Return which passive joint exceeds its limits at a state x, and by how much; "" if none does."""
         links = self._model.link_poses(x[None])
         for joint in self._model.mechanism.limited:
             over = float(joint.beyond(links[joint.parent], links[joint.child])[0])
             if over > ROUNDING:
                 unit, factor = display_unit(joint.is_angle or joint.cone is not None)
                 return f"passive joint {joint.name} is {over / factor:.4g} {unit} beyond its limits"
+        return ""
+
+    def _worst_pair(self, x: Array) -> tuple[int | None, float]:
+        """Return the pair that lacks most of its required distance at a state x, and its distance in m.
+
+        The pair is None, and the distance infinite, if no pair is too near.
+        """
         pairs = self._pairs
         poses = pairs.poses(x[None])
         every = np.arange(len(pairs))
         is_near = pairs.gaps(poses, 0 * every, every) < pairs.required
-        worst = ""
+        worst: int | None = None
+        distance_of_worst = np.inf
         most = 0.0
         for pair in np.flatnonzero(is_near):
             distance = pairs.distance(int(pair), poses[0])
-            required = float(pairs.required[pair])
-            lacking = required - distance
-            if lacking <= most:
-                continue
-            most = lacking
-            a, b = pairs.rows[pair]
-            names = f"{pairs.shapes[a].name} and {pairs.shapes[b].name}"
-            worst = f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
-            if distance <= 0:
-                worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
-        return worst
+            lacking = float(pairs.required[pair]) - distance
+            if lacking > most:
+                most = lacking
+                worst = int(pair)
+                distance_of_worst = distance
+        return worst, distance_of_worst
 
     def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
         """Return the smallest distance in m of two bodies at joint values q (n,), and the names of these bodies.

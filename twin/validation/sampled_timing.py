@@ -19,7 +19,7 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.mechanism import Mechanism
-from twin.planning.check import AGAIN
+from twin.planning.check import REPLAN_ADVICE
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
@@ -109,7 +109,7 @@ def _limit_exceeded(load: LargestRate) -> Finding:
         f"{load.what}, computed from differences of the samples, exceeds its limit",
         size=Quantity(load.size, load.unit),
         limit=load.limit,
-        suggestion=AGAIN,
+        suggestion=REPLAN_ADVICE,
         when=f"phase '{load.phase}', t = {load.t:.3f} s",
     )
 
@@ -317,7 +317,13 @@ def _not_at_rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_SampledM
             size = Quantity(distance / motion.factor, motion.unit)
             when = f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s"
             yield disagreement(
-                "timing.rest", motion.where, what, size=size, limit=reach / motion.factor, suggestion=AGAIN, when=when
+                "timing.rest",
+                motion.where,
+                what,
+                size=size,
+                limit=reach / motion.factor,
+                suggestion=REPLAN_ADVICE,
+                when=when,
             )
             break  # one finding for each end of a phase
 
@@ -343,7 +349,7 @@ def _false_claims(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Fi
         f"the stated speed of {motion.what} differs from the difference quotient of the positions",
         size=Quantity(float(deviation.max()) / motion.factor, f"{motion.unit}/s"),
         limit=limit / motion.factor,
-        suggestion=AGAIN,
+        suggestion=REPLAN_ADVICE,
         when=f"phase '{_phase_of_sample(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
         word="tolerance",
     )
