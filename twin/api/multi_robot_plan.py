@@ -154,7 +154,7 @@ def plan_together(
         TimingError: no timing within the limits was found.
     """
     from twin.planning.plan_files import props_files
-    from twin.planning.protocol.avoiding import avoiding
+    from twin.planning.protocol.free_motions import with_free_motions
 
     if not 0 < clearance < float("inf"):
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
@@ -170,7 +170,7 @@ def plan_together(
                 f"'{name}' in scene '{read_scene.name}' is the robot {place.robot}; "
                 f"a plan of {robot.name} does not apply"
             )
-        planned.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
+        planned.append(_Arm(place, robot, with_free_motions(protocol, scene, clearance, seed)))
         taken_names.add(place.name)
     if len(planned) < 2:
         raise TwinError("to plan several arms at once, name at least two")

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.core import assets
     from twin.planning.plan_result import FILES, Planned
-    from twin.planning.protocol.avoiding import avoiding
+    from twin.planning.protocol.free_motions import with_free_motions
 
     if args.avoid is None:
         for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         return _together(robot, args)
     protocol = robot.protocol(args.protocol)
     if args.avoid is not None:
-        protocol = avoiding(protocol, args.avoid, args.clearance_mm * MM, args.seed)
+        protocol = with_free_motions(protocol, args.avoid, args.clearance_mm * MM, args.seed)
     folder = show.folder(args, robot.name, protocol.name)
     with show.progress(args.quiet or args.json) as progress:
         trajectory = api.plan(robot, protocol, progress)

@@ -11,13 +11,13 @@ import twin
 from twin.api.scene_obstacles import obstacles_in_base
 from twin.core.errors import ProtocolError, TwinError
 from twin.planning.protocol import Auxiliary, Free, Home, Insertion, Joints, Positioning, Samples, Waypoint
-from twin.planning.protocol.avoiding import avoiding
+from twin.planning.protocol.free_motions import with_free_motions
 
 
 @pytest.mark.parametrize("name", ["sils", "pa10", "davinci_psm"])
 def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
     protocol = twin.load(name).protocol(None)
-    changed = avoiding(protocol, "vsrs", 0.002, 3)
+    changed = with_free_motions(protocol, "vsrs", 0.002, 3)
     for before, after in zip(protocol.phases, changed.phases, strict=True):
         if isinstance(before, (Joints, Positioning, Home)):
             assert isinstance(after, Free)
@@ -30,6 +30,13 @@ def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
     assert "go around obstacles" in changed.findings[-1].message
 
 
+def test_one_phase_is_told_in_the_singular():
+    protocol = twin.load("sils").protocol(None)
+    (first,) = [phase for phase in protocol.phases if isinstance(phase, (Joints, Positioning, Home))][:1]
+    changed = with_free_motions(replace(protocol, phases=(first,)))
+    assert changed.findings[-1].message == f"1 phase goes around obstacles: {first.name}"
+
+
 @pytest.mark.parametrize(
     ("clearance", "seed", "words"),
     [
@@ -40,7 +47,7 @@ def test_only_motions_outside_the_patient_change_and_keep_their_waypoints(name):
 )
 def test_impossible_numbers_are_refused(clearance, seed, words):
     with pytest.raises(ProtocolError, match=words):
-        avoiding(twin.load("sils").protocol(None), "", clearance, seed)
+        with_free_motions(twin.load("sils").protocol(None), "", clearance, seed)
 
 
 @pytest.mark.parametrize("name", ["psm1", "davinci_psm"])

@@ -1,4 +1,4 @@
-"""A protocol whose motions outside the patient go around obstacles."""
+"""Replace the motions of a protocol outside the patient by free motions, which go around obstacles."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from twin.planning.protocol.phases.joints import Joints
 from twin.planning.protocol.phases.positioning import Positioning
 
 
-def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed: int = 0) -> Protocol:
+def with_free_motions(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed: int = 0) -> Protocol:
     """Return the protocol with `free` phases instead of `joints`, `positioning` and `home` phases; waypoints are kept.
 
-    Phases of the type `free` keep their clearance and seed; their scene is `scene`, if it is given.
+    Phases of the type `free` keep their clearance and seed; their scene is `scene`, if it is given. All free phases
+    have the strictest limits of the replaced types and of `free`.
 
     Args:
         protocol: the protocol.
@@ -36,11 +37,11 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     if seed < 0:
         raise ProtocolError(f"{protocol.name}: the seed of the search is {seed}; give at least 0")
     phases = []
-    changed_names = []
+    replaced_names = []
     types = set()  # of the phases whose limits the free phases must keep
     for phase in protocol.phases:
         if isinstance(phase, (Joints, Positioning, Home)):
-            changed_names.append(phase.name)
+            replaced_names.append(phase.name)
             types.add(phase.type)
             phase = Free(phase.name, phase.to, clearance, seed, scene)
         elif isinstance(phase, Free):
@@ -56,9 +57,12 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     # sorted: of equal limits, the first one's provenance and note are kept
     strictest = _strictest([protocol.limits[kind] for kind in sorted(types)])
     findings = list(protocol.findings)
-    if changed_names:
-        names = ", ".join(changed_names)
-        findings.append(info("trajectory.avoiding", "", f"{len(changed_names)} phases go around obstacles: {names}"))
+    if replaced_names:
+        names = ", ".join(replaced_names)
+        subject = f"{len(replaced_names)} phases go"
+        if len(replaced_names) == 1:
+            subject = "1 phase goes"
+        findings.append(info("trajectory.avoiding", "", f"{subject} around obstacles: {names}"))
     return replace(
         protocol,
         phases=tuple(phases),
