@@ -207,7 +207,7 @@ def test_the_judge_shares_no_code_with_the_equations():
         tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
         return {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module.startswith("twin")}
 
-    assert own(contract) == {"twin.validation.console_result"}
+    assert own(contract) == {"twin.core.progress", "twin.validation.console_result"}
     assert own(console_result) == {f"twin.core.{name}" for name in ("findings", "json_types", "quantity", "result")}
 
 
@@ -264,3 +264,49 @@ def test_command(capsys, tmp_path, monkeypatch):
     assert causes == {"eq4 (paper)"}
     assert main(["console", "davinci", "--variant", "printed"]) == 2
     assert "conjugate, decoupled, paper" in capsys.readouterr().err
+
+
+def _without(part):
+    """Return a console whose result has no value, or is mirrored, in one part."""
+    base = console()
+
+    class Broken:
+        name, title, source, variants = base.name, base.title, base.source, base.variants
+        force_model, force_units, turn_unit = base.force_model, base.force_units, base.turn_unit
+
+        def tool(self, *motion):
+            P = base.tool(*motion).copy()
+            if part == "pose":
+                P[:] = np.nan
+            if part == "handedness":
+                P[:3, 2] *= -1
+            return P
+
+        def turns(self, *hands):
+            right, left = base.turns(*hands)
+            return right, np.nan if part == "roll" else left
+
+        def force(self, depth, rate):
+            # at the surface, where only the damping acts
+            return np.nan if part == "damping" and depth < 1e-6 else base.force(depth, rate)
+
+        def error(self, *motion):
+            return base.error(*motion)
+
+    return Broken()
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        ("roll", {"roll.direction", "roll.angle", "roll.origin", "roll.lift", "roll.opposed"}),
+        ("damping", {"force.size"}),
+        ("pose", {"still", "turn", "turn.angle", "loop", "loop.angle", "left_handed"}),
+        ("handedness", {"turn.angle"}),
+    ],
+)
+def test_no_clause_holds_for_what_has_no_value(monkeypatch, part, expected):
+    """The second of two numbers was lost by `max`, and a pose without a rotation ended in an error of SciPy."""
+    monkeypatch.setattr(contract, "_INCREMENTS", 10)
+    clauses = {clause.name: clause for clause in judge(_without(part)).clauses}
+    assert expected <= failing(clauses)

@@ -1,7 +1,7 @@
 """Check the equations of a console against clauses: requirements on the motion of tool and camera, and on the force.
 
 Each clause applies a motion of the hands, and compares the resulting motion with the geometrically required motion.
-Rotations are computed by SciPy, independently of the equations. Frames: {H} is the frame of the hand, {RB} the frame of
+Rotations are computed by SciPy, and units are this file's own: the judge shares no code with the equations. Frames: {H} is the frame of the hand, {RB} the frame of
 the robot base. T is the pose of {H} in {RB}, W is the pose of the handle in {H}, and P is the pose of the tool in {RB};
 R_T is the rotation matrix of T. Messages use the equation numbers of the paper, and these symbols: p, R (position and
 rotation of the tool), h, R_H (position and rotation of the hand), d (a change), s (the motion scale).
@@ -14,19 +14,31 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from twin.core.progress import Progress, silent
-from twin.validation.console_result import Clause, ConsoleResult, number
-
-Array = NDArray[np.float64]
+from twin.validation.console_result import Array, Clause, ConsoleResult, shown_number
 
 _MM = 1e-3
-_POSITION_ROUNDING = 1e-12  # rounding error of a position in m
-_ANGLE_ROUNDING = 1e-7  # rounding error in deg of a product of `_INCREMENTS` rotations
-_ROLL_ROUNDING = 1e-9  # rounding error of a camera roll, in deg or mm^2
-_FORCE_ROUNDING = 1e-6  # rounding error of a force in N
+"""One millimetre in m."""
+
+_POSITION_ROUNDING = 1e-12
+"""Rounding error of a position in m."""
+
+_ANGLE_ROUNDING = 1e-7
+"""Rounding error in deg of a product of `_INCREMENTS` rotations."""
+
+_ROLL_ROUNDING = 1e-9
+"""Rounding error of a camera roll, in deg or mm^2."""
+
+_FORCE_ROUNDING = 1e-6
+"""Rounding error of a force in N."""
+
+_FORCE_PER_DEPTH = 0.6
+"""Force in N of a surface at a depth of 1 mm at rest, by the constant of the paper in N/mm."""
+
+_FORCE_PER_RATE = 0.1
+"""Force in N of a surface that moves at 10 mm/s, by the constant of the paper, 0.01 N s/mm."""
 
 _ANGLE_LEVER = 1e-4
 """Length in m by which an angle counts as a distance: `_POSITION_ROUNDING` then limits angles to 1e-8 rad."""
@@ -332,7 +344,7 @@ def _closed_loop(console: JudgedConsole) -> tuple[list[Clause], Array]:
         text=f"a closed path of the hand returns the tool to its position, {where}",
         distance=shift,
         violation=(
-            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(shift / _MM)} mm from its start"
+            f"the hand returns after {_INCREMENTS} increments, and the tool is {shown_number(shift / _MM)} mm from its start"
         ),
         advice=advice,
     )
@@ -389,7 +401,7 @@ def _roll_of_turn(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
     right = np.array([50, 20, 0]) * _MM
     left = np.array([-50, -20, 0]) * _MM
     by_right, by_left = turns(right, turn @ right, left, turn @ left)
-    smallest = min(by_right, by_left)
+    smallest = float(np.min([by_right, by_left]))  # not a number if one of both is none: it is not positive then
     yield Clause(
         "roll.direction",
         "eq4",
@@ -405,7 +417,7 @@ def _roll_of_turn(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
         advice="swap the factors: c = p0 x p1",
     )
     if in_angle:
-        deviation = max(abs(by_right - 3), abs(by_left - 3))
+        deviation = _largest(by_right - 3, by_left - 3)
         violation = f"hands that turn 3 deg give {by_right:.3f} and {by_left:.3f} deg"
     else:
         # an area cannot be compared with 3 deg: it is shown, and the clause fails by its unit
@@ -422,7 +434,7 @@ def _roll_of_turn(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
         limit=_ROLL_ROUNDING,
         violation=violation,
         advice="roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
-        also=in_angle,
+        further_condition=in_angle,
     )
 
 
@@ -434,7 +446,7 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
     by_right, by_left = turns(right, right + up, left, left - up)
     origin = np.array([200, 0, 0]) * _MM
     from_right, from_left = turns(right + origin, right + up + origin, left + origin, left - up + origin)
-    deviation = max(abs(by_right - from_right), abs(by_left - from_left))
+    deviation = _largest(by_right - from_right, by_left - from_left)
     contradiction = ""
     if from_right * from_left < 0:
         contradiction = ": the signs disagree"
@@ -457,7 +469,7 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
         "roll.lift",
         "eq4",
         text="both hands moving up together do not roll the camera",
-        value=max(abs(lift_right), abs(lift_left)),
+        value=_largest(lift_right, lift_left),
         unit=unit,
         limit=_ROLL_ROUNDING,
         violation=f"both hands move up 5 mm: (c_zR, c_zL) = ({lift_right:+.0f}, {lift_left:+.0f}) {unit}, not zero; "
@@ -466,9 +478,9 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
     )
     required = np.degrees(np.arctan2(5, 80))
     if in_angle:
-        deviation = max(abs(by_right - required), abs(by_left - required))
+        deviation = _largest(by_right - required, by_left - required)
     else:
-        deviation = max(abs(by_right), abs(by_left))
+        deviation = _largest(by_right, by_left)
     yield _limited_clause(
         "roll.opposed",
         "eq4",
@@ -480,7 +492,7 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
             f"hands at +-80 mm that move +-5 mm give ({by_right:+.4g}, {by_left:+.4g}) {unit}, not {required:.3f} deg"
         ),
         advice="roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
-        also=in_angle,
+        further_condition=in_angle,
     )
 
 
@@ -510,7 +522,7 @@ def _force_of_surface(console: JudgedConsole) -> Iterator[Clause]:
     for depth in (1, 5, 10, 20):
         for rate in (-0.1, 0.0, 0.1):
             forces.append(console.force(depth * _MM, rate))
-    largest = float(np.abs(forces).max())  # not a number if one of the forces is none: no limit holds then
+    largest = _largest(*forces)
     yield _limited_clause(
         "force.largest",
         "eq5",
@@ -521,7 +533,7 @@ def _force_of_surface(console: JudgedConsole) -> Iterator[Clause]:
         violation=f"down to 20 mm depth the force reaches {largest:.1f} N; a pen can apply {_PEN_FORCE:g} N (ASSUMED)",
         advice=f"limit the force to {_PEN_FORCE:g} N, the maximum of the device",
     )
-    deviation = max(abs(resting - 0.6), abs(moving - 0.1))
+    deviation = _largest(resting - _FORCE_PER_DEPTH, moving - _FORCE_PER_RATE)
     yield _limited_clause(
         "force.size",
         "eq5",
@@ -615,7 +627,10 @@ _CLAUSES_BY_LABEL: dict[str, Callable[[JudgedConsole], Iterator[Clause]]] = {
     "force": _force_of_surface,
     "measure": _error_definition,
 }
-"""Functions that yield the clauses, by the label of their progress, in the order of the result."""
+"""Functions that yield the clauses, by the label of their progress, in the order of the result.
+
+The clauses of the closed loop follow, see `judge`: they also give the path of the tool.
+"""
 
 
 # -- helpers of the clauses ------------------------------------------------------------------------------------------
@@ -643,8 +658,19 @@ def _difference(P: Array, Q: Array) -> tuple[float, float]:
 
 
 def _angle(R: Array) -> float:
-    """Return the angle in deg of a rotation matrix; for any other matrix, the angle of the nearest rotation."""
+    """Return the angle in deg of a rotation matrix; of another right-handed matrix, that of the nearest rotation.
+
+    A left-handed matrix, or one that is not finite, has no angle: NaN, which no limit allows.
+    """
+    is_right_handed = np.isfinite(R).all() and np.linalg.det(R) > 0
+    if not is_right_handed:
+        return float("nan")
     return float(np.degrees(Rotation.from_matrix(R).magnitude()))
+
+
+def _largest(*deviations: float) -> float:
+    """Return the largest absolute value; NaN, which no limit allows, if one of them is NaN."""
+    return float(np.abs(deviations).max())
 
 
 def _position_clause(name: str, equation: str, text: str, distance: float, violation: str, advice: str) -> Clause:
@@ -671,10 +697,10 @@ def _limited_clause(
     limit: float,
     violation: str,
     advice: str,
-    also: bool = True,
+    further_condition: bool = True,
 ) -> Clause:
-    """Return a clause that holds if `value` is at most `limit` and the condition `also` is true."""
-    holds = also and value <= limit
+    """Return a clause that holds if `value` is at most `limit` and `further_condition` is true."""
+    holds = further_condition and value <= limit
     return Clause(
         name,
         equation,

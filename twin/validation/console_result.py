@@ -14,6 +14,7 @@ from twin.core.quantity import Quantity
 from twin.core.result import Line, Part, Result, TextTable
 
 Array = NDArray[np.float64]
+"""Array of numbers; not that of `core.spatial`, because the judge of a console shares no code with its equations."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,9 @@ class Clause:
         symbol = ""
         if not self.holds:
             symbol = "✖"
-        measured = f"{number(self.value)} {self.unit}"
-        limit = f"{number(self.limit)} {self.unit}"
-        return symbol, _printed(self.equation), self.text, measured, limit
+        measured = f"{shown_number(self.value)} {self.unit}"
+        limit = f"{shown_number(self.limit)} {self.unit}"
+        return symbol, _printed_number(self.equation), self.text, measured, limit
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def _finding(clause: Clause, variants: Mapping[str, str]) -> Finding:
     if variant:
         cause = f"{clause.equation} ({variant})"
     size = Quantity(clause.value, clause.unit)
-    place = f"eq. {_printed(clause.equation)}"
+    place = f"eq. {_printed_number(clause.equation)}"
     return disagreement(
         f"console.{clause.name}",
         place,
@@ -139,8 +140,12 @@ def _finding(clause: Clause, variants: Mapping[str, str]) -> Finding:
     )
 
 
-def number(x: float) -> str:
-    """Return a number as text: with three decimals, or in scientific notation if |x| < 0.001 or |x| >= 1e6."""
+def shown_number(x: float) -> str:
+    """Return a number as text: with three decimals, or in scientific notation if |x| < 0.001 or |x| >= 1e6.
+
+    Unlike `core.format`, it rounds to decimals, not to digits, and keeps the unit: measured value and limit of a clause
+    stand beside each other.
+    """
     if x == 0:
         return "0"
     if 1e-3 <= abs(x) < 1e6:  # three decimals show at least one digit that is not zero
@@ -148,6 +153,6 @@ def number(x: float) -> str:
     return f"{x:.1e}"
 
 
-def _printed(equation: str) -> str:
+def _printed_number(equation: str) -> str:
     """Return the number of an equation as the paper prints it, such as "(2)" for "eq2"."""
     return f"({equation.removeprefix('eq')})"
