@@ -199,8 +199,8 @@ def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):
     found = next(p for p in rcm_between_samples.passages(sils.reference(), coarse) if p.phase == "sweep")
     x = np.linspace(span.start, span.stop, 40 * (span.stop - span.start) + 1)
     dense = np.linalg.norm(
-        rcm_between_samples.offset(
-            rcm_between_samples._poses(sils.reference(), coarse, x), coarse.shaft_axis, span.rcm
+        rcm_between_samples.shaft_to_rcm(
+            rcm_between_samples._poses_between(sils.reference(), coarse, x), coarse.shaft_axis, span.rcm
         ),
         axis=1,
     )

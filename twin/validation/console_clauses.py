@@ -1,10 +1,12 @@
 """Check the equations of a console against clauses: requirements on the motion of tool and camera, and on the force.
 
 Each clause applies a motion of the hands, and compares the resulting motion with the geometrically required motion.
-Rotations are computed by SciPy, and units are this file's own: the judge shares no code with the equations. Frames: {H} is the frame of the hand, {RB} the frame of
-the robot base. T is the pose of {H} in {RB}, W is the pose of the handle in {H}, and P is the pose of the tool in {RB};
-R_T is the rotation matrix of T. Messages use the equation numbers of the paper, and these symbols: p, R (position and
-rotation of the tool), h, R_H (position and rotation of the hand), d (a change), s (the motion scale).
+Rotations are computed by SciPy, and units are this file's own: the judge shares no code with the equations.
+
+Frames: {H} is the frame of the hand, {RB} the frame of the robot base. T is the pose of {H} in {RB}, W is the pose of
+the handle in {H}, and P is the pose of the tool in {RB}; R_T is the rotation matrix of T. Messages use the equation
+numbers of the paper, and these symbols: p, R (position and rotation of the tool), h, R_H (position and rotation of the
+hand), d (a change), s (the motion scale).
 """
 
 from __future__ import annotations
@@ -344,7 +346,8 @@ def _closed_loop(console: JudgedConsole) -> tuple[list[Clause], Array]:
         text=f"a closed path of the hand returns the tool to its position, {where}",
         distance=shift,
         violation=(
-            f"the hand returns after {_INCREMENTS} increments, and the tool is {shown_number(shift / _MM)} mm from its start"
+            f"the hand returns after {_INCREMENTS} increments, and the tool is {shown_number(shift / _MM)} mm from its "
+            "start"
         ),
         advice=advice,
     )

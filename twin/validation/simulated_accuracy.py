@@ -17,14 +17,25 @@ from twin.validation.console_clauses import JudgedConsole
 _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""
 
-# in m, and ASSUMED because the paper does not state them
-_REACH = 50 * MM  # maximum distance of a start position from 0 along each axis
-_SHORTEST = 20 * MM  # displacement
-_LONGEST = 60 * MM  # displacement
-_ASIDE = 1 * MM  # maximum additional motion along each axis
-_TILT = 30 * DEG  # maximum of each gimbal angle at the start
-_SMALLEST = 10 * DEG  # rotation
-_LARGEST = 40 * DEG  # rotation
+# The ranges in m and rad of the random motions are ASSUMED, because the paper does not state them.
+
+_START_RANGE = 50 * MM
+"""Largest distance of a start position from 0 along each axis."""
+
+_DISPLACEMENT_RANGE = (20 * MM, 60 * MM)
+"""Shortest and longest displacement along an axis."""
+
+_SIDE_MOTION = 1 * MM
+"""Largest additional motion along each axis, as of a hand that moves along one axis."""
+
+_START_ANGLE_RANGE = 30 * DEG
+"""Largest of each gimbal angle at the start."""
+
+_ROTATION_RANGE = (10 * DEG, 40 * DEG)
+"""Smallest and largest rotation about an axis."""
+
+_GIMBAL_ORDER = "ZYX"
+"""Order of the gimbal angles, as in the console's paper: the first angle is about z, the last one about x."""
 
 
 def measure(console: JudgedConsole, displacements: int, resolution: float) -> tuple[JsonMapping, list[float]]:
@@ -34,26 +45,29 @@ def measure(console: JudgedConsole, displacements: int, resolution: float) -> tu
     position. The motion scale is 1.
     """
     rng = np.random.default_rng(0)
-    axis = np.tile(np.repeat(np.eye(3), displacements, axis=0), (_REPEATS, 1))
-    start = rng.uniform(-_REACH, _REACH, axis.shape)
-    signs = rng.choice([-1, 1], (len(axis), 1))
-    lengths = rng.uniform(_SHORTEST, _LONGEST, (len(axis), 1))
-    end = start + axis * signs * lengths + rng.uniform(-_ASIDE, _ASIDE, axis.shape)
-    errors = _errors(console, start, end, resolution)
-    exact_errors = _errors(console, start, end, 0.0)
+    axes = _axes_of_motions(displacements)
+    start = rng.uniform(-_START_RANGE, _START_RANGE, axes.shape)
+    signs = rng.choice([-1, 1], (len(axes), 1))
+    lengths = rng.uniform(*_DISPLACEMENT_RANGE, (len(axes), 1))
+    side_motion = rng.uniform(-_SIDE_MOTION, _SIDE_MOTION, axes.shape)
+    end = start + axes * signs * lengths + side_motion
+    errors = _displacement_errors(console, start, end, resolution)
+    exact_errors = _displacement_errors(console, start, end, 0.0)
     # one repetition, as a paper measures it: its deviation scatters about the long-run one
     first_test = errors[: 3 * displacements]
     std = errors.std(axis=0) / MM
+    squared_lengths = np.sum(errors**2, axis=1)
+    # the difference of two rounded positions, each with the variance resolution^2 / 12
+    predicted_std_mm = resolution / MM * np.sqrt(2 / 12)
     data = {
         "displacements_per_axis": displacements,
         "resolution_mm": resolution / MM,
-        # the difference of two rounded positions, each with the variance resolution^2 / 12
-        "predicted_std_mm": resolution / MM * np.sqrt(2 / 12),
+        "predicted_std_mm": predicted_std_mm,
         "std_mm": std.tolist(),
         "std_once_mm": (first_test.std(axis=0, ddof=1) / MM).tolist(),
-        "rms_3d_mm": float(np.sqrt(np.mean(np.sum(errors**2, axis=1)))) / MM,
-        "largest_error_mm": float(np.linalg.norm(errors, axis=1).max()) / MM,
-        "largest_error_unquantised_mm": float(np.linalg.norm(exact_errors, axis=1).max()) / MM,
+        "rms_3d_mm": float(np.sqrt(squared_lengths.mean())) / MM,
+        "largest_error_mm": _longest(errors) / MM,
+        "largest_error_unquantised_mm": _longest(exact_errors) / MM,
     }
     return data, std.tolist()
 
@@ -62,44 +76,66 @@ def measure_angles(console: JudgedConsole, rotations: int, resolution: float) ->
     """Simulate the test with rotations; return (plain data, standard deviation of the error about x, y, z in degrees).
 
     The pen hangs in a gimbal of three angles, read with a resolution. The error is the tool's rotation without the
-    pen's, both in {H}, as ZYX Euler angles, as in the console's paper. `rotations` is the number of rotations about
-    each axis, `resolution` in rad is the resolution of each gimbal angle.
+    pen's, both in {H}, as angles in `_GIMBAL_ORDER`. `rotations` is the number of rotations about each axis,
+    `resolution` in rad is the resolution of each gimbal angle.
     """
     rng = np.random.default_rng(0)
-    axis = np.tile(np.repeat(np.eye(3), rotations, axis=0), (_REPEATS, 1))
-    start = rng.uniform(-_TILT, _TILT, axis.shape)
-    signs = rng.choice([-1, 1], (len(axis), 1))
-    turns = axis * signs * rng.uniform(_SMALLEST, _LARGEST, (len(axis), 1))
-    end = (Rotation.from_rotvec(turns) * Rotation.from_euler("ZYX", start)).as_euler("ZYX")
-    errors = _turn_errors(console, start, end, resolution) / DEG
-    exact_errors = _turn_errors(console, start, end, 0.0) / DEG
+    axes = _axes_of_motions(rotations)
+    start = rng.uniform(-_START_ANGLE_RANGE, _START_ANGLE_RANGE, axes.shape)
+    signs = rng.choice([-1, 1], (len(axes), 1))
+    angles = rng.uniform(*_ROTATION_RANGE, (len(axes), 1))
+    turns = Rotation.from_rotvec(axes * signs * angles)
+    end = (turns * _gimbal_rotation(start)).as_euler(_GIMBAL_ORDER)
+    errors = _rotation_errors(console, start, end, resolution) / DEG
+    exact_errors = _rotation_errors(console, start, end, 0.0) / DEG
     std = errors.std(axis=0)
+    first_test = errors[: 3 * rotations]  # one repetition, as a paper measures it
     data = {
         "rotations_per_axis": rotations,
         "resolution_deg": resolution / DEG,
         "std_deg": std.tolist(),
-        "std_once_deg": errors[: 3 * rotations].std(axis=0, ddof=1).tolist(),
+        "std_once_deg": first_test.std(axis=0, ddof=1).tolist(),
         "largest_error_deg": float(np.abs(errors).max()),
         "largest_error_unquantised_deg": float(np.abs(exact_errors).max()),
     }
     return data, std.tolist()
 
 
-def _turn_errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
-    """Return the errors (k, 3) about x, y, z of rotations from gimbal angles `start` to `end` (k, 3), all in rad."""
+def _axes_of_motions(motions: int) -> Array:
+    """Return the axis (k, 3) of each motion: x for `motions` of them, then y and z, and all that `_REPEATS` times."""
+    one_test = np.repeat(np.eye(3), motions, axis=0)
+    return np.tile(one_test, (_REPEATS, 1))
+
+
+def _longest(errors: Array) -> float:
+    """Return the length in m of the longest of the errors (k, 3) in m."""
+    return float(np.linalg.norm(errors, axis=1).max())
+
+
+def _gimbal_rotation(angles: Array) -> Rotation:
+    """Return the rotations of the pen in {H} for gimbal angles (..., 3) in rad."""
+    return Rotation.from_euler(_GIMBAL_ORDER, angles)
+
+
+def _rotation_errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
+    """Return the errors (k, 3) in rad about x, y, z of rotations from gimbal angles `start` to `end` (k, 3) in rad.
+
+    `resolution` in rad is that of each gimbal angle; 0: exact.
+    """
     T = _console_pose()
     R_T = Rotation.from_matrix(T[:3, :3])
     errors = np.zeros_like(start)
     for i, (start_angles, end_angles) in enumerate(zip(start, end, strict=True)):
-        turned = Rotation.from_euler("ZYX", end_angles) * Rotation.from_euler("ZYX", start_angles).inv()
+        pen_rotation = _gimbal_rotation(end_angles) * _gimbal_rotation(start_angles).inv()
         W_0 = np.eye(4)
         W_1 = np.eye(4)
-        W_0[:3, :3] = Rotation.from_euler("ZYX", _quantised(start_angles, resolution)).as_matrix()
-        W_1[:3, :3] = Rotation.from_euler("ZYX", _quantised(end_angles, resolution)).as_matrix()
+        W_0[:3, :3] = _gimbal_rotation(_quantised(start_angles, resolution)).as_matrix()
+        W_1[:3, :3] = _gimbal_rotation(_quantised(end_angles, resolution)).as_matrix()
         P_1 = console.tool(np.eye(4), W_0, W_1, T, 1.0)
-        of_tool = R_T.inv() * Rotation.from_matrix(P_1[:3, :3]) * R_T
-        # ZYX angles are about z, y, x; the errors are about x, y, z
-        errors[i] = (of_tool * turned.inv()).as_euler("ZYX")[::-1]
+        # the tool turns in {RB}, the pen in {H}
+        tool_rotation = R_T.inv() * Rotation.from_matrix(P_1[:3, :3]) * R_T
+        error_zyx = (tool_rotation * pen_rotation.inv()).as_euler(_GIMBAL_ORDER)
+        errors[i] = error_zyx[::-1]  # about x, y, z
     return errors
 
 
@@ -111,7 +147,7 @@ def _console_pose() -> Array:
     return T
 
 
-def _errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
+def _displacement_errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
     """Return the errors (k, 3) in m, in {H}, of displacements from `start` to `end` (k, 3) in m in {H}.
 
     `resolution` in m is that of the pen; 0: exact.
@@ -131,7 +167,8 @@ def _errors(console: JudgedConsole, start: Array, end: Array, resolution: float)
     return errors
 
 
-def _quantised(p: Array, resolution: float) -> Array:
+def _quantised(values: Array, resolution: float) -> Array:
+    """Return values rounded to multiples of a resolution in their unit; unchanged if it is 0."""
     if not resolution:
-        return p
-    return np.round(p / resolution) * resolution
+        return values
+    return np.round(values / resolution) * resolution
