@@ -60,14 +60,14 @@ def test_first_values_do_not_depend_on_a_choice_without_a_value(count):
     newton.expressions = 1
 
     def residuals(values):
-        newton.scale = np.ones(values.shape)
+        newton.present_values = np.ones(values.shape)
         r = (1 + values[:, :, :1]) ** 2 - np.array([9.0, 1.21, 9.0])[None, :, None]
         r[1:] = np.nan
         return r
 
     newton._residuals = residuals
     values = np.zeros((count, 3, 1))
-    first, _ = newton._with_values(values, residuals(values))
+    first, _ = newton._with_valued_starts(values, residuals(values))
     np.testing.assert_array_equal(first[0], 0.0)
 
 
@@ -76,12 +76,12 @@ def test_a_choice_without_a_value_starts_where_it_has_one():
     newton.expressions = 1
 
     def residuals(values):
-        newton.scale = np.ones(values.shape)
+        newton.present_values = np.ones(values.shape)
         return np.where(values[:, :, :1] == 0, np.nan, values[:, :, :1])
 
     newton._residuals = residuals
     values = np.zeros((2, 3, 1))
-    _, r = newton._with_values(values, residuals(values))
+    _, r = newton._with_valued_starts(values, residuals(values))
     assert np.isfinite(r).all()
 
 
@@ -99,7 +99,7 @@ def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
 
     def residuals(values):
         calls.append(values)
-        newton.scale = np.zeros(values.shape)
+        newton.present_values = np.zeros(values.shape)
         if len(calls) == fails_at:
             return None
         r = np.full(values.shape, 0.5)

@@ -118,7 +118,7 @@ def test_an_expression_in_a_function_with_several_calls_is_not_refuted(tmp_path)
     """All calls of row() have a matrix of the same form, but an edit may change an entry by other amounts in each."""
     case, formula = misprinted("lapbot", "-pi / 2 + q6", "pi / 2 + q6", tmp_path)
     search = RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(30.0))
-    search.singles.refute()
+    search.singles.find_refuted()
     (row,) = {h.source.path for s in search.judge.steps for h in search.judge.helpers(s) if h.source.name == "row"}
     assert search.singles.refuted
     assert row not in {path for path, _, _ in search.singles.refuted}
@@ -161,7 +161,7 @@ def test_no_first_edit_is_tried_after_the_time(search, monkeypatch):
     monkeypatch.setattr(required_pairs.RequiredPairs, "judge", None)
     search.step = None
     search.sites = []
-    assert list(search.required(["a", "b", "c"], [], Late(2))) == []
+    assert list(search.with_required_value(["a", "b", "c"], [], Late(2))) == []
     assert tried == [["a"], ["b"]]
 
 
@@ -169,7 +169,7 @@ def test_no_pair_of_expressions_is_compared_after_the_time(search):
     compared = []
     search.scalars = lambda rows, deadline: [SimpleNamespace(function="f") for _ in range(5)]
     search._unexplained = lambda a, b, rows: compared.append((a, b)) or 1.0
-    assert list(search.in_two([], Late(3))) == []
+    assert list(search.in_two_expressions([], Late(3))) == []
     assert len(compared) == 3
 
 

@@ -13,7 +13,7 @@ from twin.validation.explain.function_source import Edit
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, trial_residuals
-from twin.validation.explain.statement_pairs import _at_best_angle
+from twin.validation.explain.swivel import at_best_swivel
 
 TROCAR = "u = W - vertcat(trocar_x, trocar_y, trocar_z)"
 OUTER = (
@@ -47,7 +47,7 @@ def searched(name, folder, *changes):
 def test_two_edits_of_one_token_are_the_first_pair(tmp_path):
     """The rows of another equation show them: the mechanism has no value of what `outer` returns."""
     search = searched("hibou", tmp_path, *OUTER[0][1:])
-    one, other = next(search.pair_search.statement_pairs(search.judge.step("outer")).apart(Deadline(30.0)))
+    one, other = next(search.pair_search.statement_pairs(search.judge.step("outer")).in_two_statements(Deadline(30.0)))
     assert (one.text, other.text) == OUTER[1]
 
 
@@ -77,7 +77,7 @@ def test_the_best_swivel_is_found_where_a_row_can_agree():
     mean = -along * np.cos(angle)[:, None] - across * np.sin(angle)[:, None]
     mean[25:] += 1e7
     values = [mean + along * np.cos(a) + across * np.sin(a) for a in (0.0, 2 * np.pi / 3, -2 * np.pi / 3)]
-    largest = np.abs(_at_best_angle(*values)).max(axis=1)
+    largest = np.abs(at_best_swivel(*values)).max(axis=1)
     assert (largest[:25] <= 1).all()
     assert (largest[25:] > 1e3).all()
 
@@ -85,7 +85,7 @@ def test_the_best_swivel_is_found_where_a_row_can_agree():
 def test_a_swivel_that_moves_a_row_on_a_line_is_found():
     along = np.array([[1e8, 2e8, 0.0]])
     values = [np.cos(a) * along - np.cos(0.7) * along for a in (0.0, 2 * np.pi / 3, -2 * np.pi / 3)]
-    assert np.abs(_at_best_angle(*values)).max() <= 1
+    assert np.abs(at_best_swivel(*values)).max() <= 1
 
 
 def test_an_edit_of_a_scalar_to_a_vector_may_be_a_repair(tmp_path):
@@ -112,7 +112,7 @@ def test_an_edit_of_an_equation_that_others_call_is_judged_in_its_own_rows(tmp_p
     edit = Edit(source.path, source.line_of(start), start, end, "asin(-u[1])", new, "missing", last.index, source.name)
     with np.errstate(all="ignore"):
         candidate = search.candidate_for([chain], [edit])
-    assert candidate.scores["chain", 1, 0] <= 1
+    assert candidate.worst_residuals["chain", 1, 0] <= 1
     assert candidate.breaks_row
     assert search.choice.states.after([edit]).is_worse
 

@@ -39,8 +39,8 @@ def branched(x):
 )
 def test_a_function_that_is_not_judged_is_told_why(function, why):
     source = Source(function)
-    assert not source.plain
-    assert source.why.startswith(why)
+    assert not source.can_be_split
+    assert source.why_not_split.startswith(why)
 
 
 TIDY = (

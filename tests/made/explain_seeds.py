@@ -255,7 +255,7 @@ def outcome(case, faulty, folder, budget):
         return "no fault"
     found, lost = RepairSearch(judge, deadline=Deadline(max(budget, 4.0))).run(budget)
     cures = [c for f in found for way in f.cures for c in way]
-    worse = [c.edits[0].text for c in cures if any(_worse(judge, k, s) for k, s in c.scores.items())]
+    worse = [c.edits[0].text for c in cures if any(_worse(judge, k, s) for k, s in c.worst_residuals.items())]
     assert not worse, f"a cure makes a row worse: {worse}"
     if lost:
         return f"nothing exact found for {lost}"

@@ -193,12 +193,12 @@ class _BatchedGaussNewton:
         for choice in choices:
             for scalar in choice.scalars:
                 scalars.setdefault(scalar, len(scalars))
-        self.numbers = scalars
+        self.function_numbers = scalars
         """A number for each expression, with which its function in the edited text is named."""
-        self.change = list(fixed)
+        self.edits = list(fixed)
         for scalar, number in scalars.items():
             edit = shifted(scalar.site.source, scalar.site.statement, scalar.node, _function_name(number), scope=False)
-            self.change.append(edit)
+            self.edits.append(edit)
         self.expressions = 0
         """Largest number of expressions of a choice; choices with fewer have columns without effect."""
         self.rows: list[RowKey] = []
@@ -207,7 +207,7 @@ class _BatchedGaussNewton:
             for row in choice.rows:
                 if row not in self.rows:
                     self.rows.append(row)
-        self.scale = np.zeros(0)
+        self.present_values = np.zeros(0)
         """Values (choices, poses, unknowns) of the expressions before their shifts, at the latest evaluation."""
 
     def slopes(self) -> list[dict[RowKey, Array]]:
@@ -215,7 +215,7 @@ class _BatchedGaussNewton:
         values = self._start()
         base = self._residuals(values)
         if base is not None:  # without a value, it would seem that an expression moves nothing
-            values, base = self._with_values(values, base)
+            values, base = self._with_valued_starts(values, base)
         values[:, :, 0] += DERIVATIVE_STEP
         residuals_ahead = self._residuals(values)
         slopes: list[dict[RowKey, Array]] = []
@@ -239,10 +239,10 @@ class _BatchedGaussNewton:
         residuals = self._residuals(values)
         if residuals is None:
             return []
-        values, residuals = self._with_values(values, residuals)
+        values, residuals = self._with_valued_starts(values, residuals)
         has_value = np.asarray(np.isfinite(residuals).all(axis=2))
         enough = has_value.sum(axis=1) >= self.batch.fewest
-        values, residuals, has_value = self._only(enough, values, residuals, has_value)
+        values, residuals, has_value = self._narrowed_to(enough, values, residuals, has_value)
         solutions: list[tuple[int, Array]] = []
         for _ in range(MOST_NEWTON_STEPS + 1):
             if not self.undecided:
@@ -251,10 +251,10 @@ class _BatchedGaussNewton:
             converged = size <= CONVERGED_RESIDUAL
             for n in np.flatnonzero(converged).tolist():
                 solutions.append(self._solution(n, values))
-            values, residuals, has_value = self._only(~converged, values, residuals, has_value)
+            values, residuals, has_value = self._narrowed_to(~converged, values, residuals, has_value)
             if not self.undecided or deadline.passed:
                 break
-            values, residuals, has_value, has_step = self._ahead(values, residuals, has_value)
+            values, residuals, has_value, has_step = self._after_step(values, residuals, has_value)
             if not has_step:
                 break
         size = _largest_residuals(residuals, has_value)
@@ -282,14 +282,14 @@ class _BatchedGaussNewton:
             values[:, :, -1] = angle[: len(self.choices) * poses].reshape(-1, poses)
         return values
 
-    def _with_values(self, values: Array, r: Array) -> tuple[Array, Array]:
+    def _with_valued_starts(self, values: Array, r: Array) -> tuple[Array, Array]:
         """Return (values, residuals), where a row has no value with other first values."""
         if np.isfinite(r).all():
             return values, r
         lacks_value: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
         for factor in START_FACTORS:
             trial_values = values.copy()
-            trial_values[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
+            trial_values[:, :, : self.expressions] = factor * self.present_values[:, :, : self.expressions]
             trial_residuals = self._residuals(trial_values)
             if trial_residuals is None:
                 break
@@ -299,14 +299,14 @@ class _BatchedGaussNewton:
             r = np.where(better, trial_residuals, r)
         return values, r
 
-    def _only(
+    def _narrowed_to(
         self, selected: NDArray[np.bool_], values: Array, residuals: Array, has_value: NDArray[np.bool_]
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return the arrays of the choices `selected` (choices,); the others are decided."""
         self.undecided = np.array(self.undecided, int)[selected].tolist()
         return values[selected], residuals[selected], has_value[selected]
 
-    def _ahead(
+    def _after_step(
         self, values: Array, residuals: Array, has_value: NDArray[np.bool_]
     ) -> tuple[Array, Array, NDArray[np.bool_], bool]:
         """Return (values, residuals, poses with residuals, whether a step was made), of choices that may be solved.
@@ -322,10 +322,10 @@ class _BatchedGaussNewton:
                 return values, residuals, has_value, False
             slopes.append((residuals_ahead - residuals) / DERIVATIVE_STEP)
         step, unique = _gauss_newton_steps(
-            np.stack(slopes, axis=3), residuals, self._counts(), has_value, self.has_swivel
+            np.stack(slopes, axis=3), residuals, self._unknowns_of_choices(), has_value, self.has_swivel
         )
         step[~has_value] = 0.0
-        values, residuals, has_value = self._only(unique, values, residuals, has_value)
+        values, residuals, has_value = self._narrowed_to(unique, values, residuals, has_value)
         step = step[unique]
         if not self.undecided:
             return values, residuals, has_value, False
@@ -345,9 +345,9 @@ class _BatchedGaussNewton:
             residuals, has_value
         )
         agrees = _largest_residuals(new_residuals, has_value) <= 1.0
-        return *self._only(is_nearer | agrees, values + step, new_residuals, has_value), True
+        return *self._narrowed_to(is_nearer | agrees, values + step, new_residuals, has_value), True
 
-    def _counts(self) -> NDArray[np.bool_]:
+    def _unknowns_of_choices(self) -> NDArray[np.bool_]:
         """Return which unknowns (choices, unknowns) a choice has."""
         is_unknown = np.ones((len(self.undecided), self.expressions + self.has_swivel), bool)
         for n, i in enumerate(self.undecided):
@@ -360,11 +360,11 @@ class _BatchedGaussNewton:
         judge = self.batch.copies(count)
         k = judge.reference.k
         shifts = {}
-        for number in self.numbers.values():
+        for number in self.function_numbers.values():
             shifts[number] = Shift(k)
         for n, i in enumerate(self.undecided):
             for u, scalar in enumerate(self.choices[i].scalars):
-                shifts[self.numbers[scalar]].added[n * poses : (n + 1) * poses, 0] = values[n, :, u]
+                shifts[self.function_numbers[scalar]].added[n * poses : (n + 1) * poses, 0] = values[n, :, u]
         angle = None
         if self.has_swivel:
             angle = np.zeros(k)
@@ -372,15 +372,15 @@ class _BatchedGaussNewton:
         extra: dict[str, Any] = {}
         for number, shift in shifts.items():
             extra[_function_name(number)] = shift
-        residuals = residuals_with(judge, self.equation, self.change, extra, angle)
+        residuals = residuals_with(judge, self.equation, self.edits, extra, angle)
         if residuals is None:
             return None
-        return self._gathered(judge, residuals, shifts, values.shape)
+        return self._residuals_of_choices(judge, residuals, shifts, values.shape)
 
-    def _gathered(
+    def _residuals_of_choices(
         self, judge: Judge, residuals_by_row: dict[RowKey, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
     ) -> Array:
-        """Return the rows' residuals as one array (choices, poses, entries), and set `scale`.
+        """Return the rows' residuals as one array (choices, poses, entries), and set `present_values`.
 
         Rows that no expression moves keep their residuals; those that a choice does not have are zero. `shape` is that
         of the values: (choices, poses, unknowns).
@@ -397,12 +397,12 @@ class _BatchedGaussNewton:
                     part[n] = 0.0
             parts.append(part)
         residuals = np.concatenate(parts, axis=2)
-        self.scale = np.zeros((count, poses, unknowns))
+        self.present_values = np.zeros((count, poses, unknowns))
         for n, i in enumerate(self.undecided):
             block = slice(n * poses, (n + 1) * poses)
             for u, scalar in enumerate(self.choices[i].scalars):
-                shift = shifts[self.numbers[scalar]]
-                self.scale[n, :, u] = shift.value[block, 0]
+                shift = shifts[self.function_numbers[scalar]]
+                self.present_values[n, :, u] = shift.value[block, 0]
                 if shift.differs[block].any():  # no single value is required of it
                     residuals[n] = np.nan
         return residuals

@@ -36,21 +36,21 @@ class Candidate:
 
     Attributes:
         edits: one or two edits.
-        extra: values of names that the edits define.
-        scores: worst residual of each row that the edits change, in units of the tolerance.
+        defined_values: values of names that the edits define.
+        worst_residuals: worst residual of each row that the edits change, in units of the tolerance.
         breaks_row: whether a row that agreed with the mechanism before the edits disagrees after them.
         is_trivial: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
-        changed: residuals (k, entries) of the changed rows.
+        changed_residuals: residuals (k, entries) of the changed rows.
         by_chance: whether the repaired rows agree only for the present values of equal or assumed parameters.
     """
 
     step: Step
     edits: list[Edit]
-    extra: dict[str, Value]
-    scores: dict[RowKey, float]
+    defined_values: dict[str, Value]
+    worst_residuals: dict[RowKey, float]
     breaks_row: bool
-    changed: dict[RowKey, Array] = field(default_factory=dict, repr=False)
+    changed_residuals: dict[RowKey, Array] = field(default_factory=dict, repr=False)
     is_trivial: bool = False
     dropped: tuple[str, ...] = ()
     by_chance: bool = False
@@ -60,9 +60,9 @@ class Candidate:
         self.is_trivial |= candidate.is_trivial
         self.breaks_row |= candidate.breaks_row
         self.dropped = tuple(sorted({*self.dropped, *candidate.dropped}))
-        for row, residual in candidate.scores.items():
-            self.scores[row] = max(residual, self.scores.get(row, 0.0))
-        self.changed |= candidate.changed
+        for row, residual in candidate.worst_residuals.items():
+            self.worst_residuals[row] = max(residual, self.worst_residuals.get(row, 0.0))
+        self.changed_residuals |= candidate.changed_residuals
 
     def worst_over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
@@ -71,7 +71,7 @@ class Candidate:
         """
         residuals: list[float] = []
         for row in rows:
-            residuals.append(self.scores.get(row, base[row]))
+            residuals.append(self.worst_residuals.get(row, base[row]))
         return max(residuals)
 
     @property
@@ -80,7 +80,7 @@ class Candidate:
         return not (self.breaks_row or self.is_trivial or self.by_chance)
 
     @property
-    def rank(self) -> tuple[int, int, int, int]:
+    def rank(self) -> tuple[int, int, int, int, int]:
         """Sort key for candidates that fix the same rows; the best candidate has the smallest key."""
         length = 0
         new_arguments = 0
@@ -93,7 +93,7 @@ class Candidate:
             kind = _KINDS_BY_RANK.index(edit.kind) if edit.kind in _KINDS_BY_RANK else len(_KINDS_BY_RANK)
             last_kind = max(last_kind, kind)
         # The kind counts more than the length of any edit.
-        return (len(self.edits), foreign, new_arguments, last_kind * 1000 + length)
+        return (len(self.edits), foreign, new_arguments, last_kind, length)
 
 
 @dataclass

@@ -36,7 +36,7 @@ class Dependence:
     def __init__(self, judge: Judge, perturbed_judge: Judge) -> None:
         """Store the judge, and a judge of the same formula at perturbed values that no mechanism has."""
         self.judge = judge
-        self.bases = (judge, perturbed_judge)
+        self.base_judges = (judge, perturbed_judge)
         self._perturbed: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         """Judges with one symbol perturbed, by index of the base, equation, judged equations, and symbol."""
         self._unknowns = DeterminedUnknowns(judge)
@@ -61,7 +61,7 @@ class Dependence:
         dropped: set[str] = set()
         trivial = False
         for row in rows:
-            before = self.reads(candidate.step, row, rows)
+            before = self.symbols_read(candidate.step, row, rows)
             if self._returns_own(candidate, row):
                 after[row].add(self._symbol[row])
             dropped |= before - after[row]
@@ -101,7 +101,7 @@ class Dependence:
                 return True
         return False
 
-    def reads(self, step: Step, row: RowKey, rows: Collection[RowKey] = ()) -> set[str]:
+    def symbols_read(self, step: Step, row: RowKey, rows: Collection[RowKey] = ()) -> set[str]:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
         name = step.equation.name
         if (name, row) not in self._symbols_read:
@@ -126,7 +126,7 @@ class Dependence:
         symbols_of_row: dict[RowKey, set[str]] = {}
         for row in rows:
             symbols_of_row[row] = set()
-        for i, base in enumerate(self.bases):
+        for i, base in enumerate(self.base_judges):
             before = edited_residuals(base, name, change)
             if before is None:
                 continue
@@ -149,11 +149,11 @@ class Dependence:
     def _with_perturbed(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
         """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value.
 
-        `i` is the index of the judge in `bases` whose other values it has.
+        `i` is the index of the judge in `base_judges` whose other values it has.
         """
         key = (i, step.equation.name, equations, symbol)
         if key not in self._perturbed:
-            base = self.bases[i]
+            base = self.base_judges[i]
             # Results of earlier equations are reused.
             values = {**base.step(step.equation.name).computed, **base.reference.symbols}
             if symbol not in values:

@@ -52,7 +52,7 @@ class EditedFunctions:
         self.judge = judge
         self.perturbed_judge = perturbed_judge
 
-    def distinct(self, exact: list[Candidate], rows: list[RowKey]) -> list[list[Candidate]]:
+    def grouped_by_function(self, exact: list[Candidate], rows: list[RowKey]) -> list[list[Candidate]]:
         """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
         groups: list[_SameFunction] = []
         for candidate in exact:

@@ -65,7 +65,7 @@ class Step:
         known_outputs: outputs for which the mechanism also has a value.
         compared_variables: known outputs that the function assigns to a variable of the same name. They are compared at
             the assignment, the other known outputs at the return.
-        plain: description of a function without printed rows; None for an equation with rows.
+        plain_function: description of a function without printed rows; None for an equation with rows.
         lines: line of each output in the return statement.
         places: the rows by (statement, position, symbol).
         swivel: name and values (k,) of the free parameter of a redundant mechanism; empty for other mechanisms.
@@ -86,7 +86,7 @@ class Step:
     output_values: dict[str, Value] = field(default_factory=dict)
     known_outputs: frozenset[str] = frozenset()
     compared_variables: frozenset[str] = frozenset()
-    plain: PlainRows | None = None
+    plain_function: PlainRows | None = None
     lines: tuple[int, ...] = ()
     places: dict[tuple[int, int, str], RowPlace] = field(default_factory=dict)
     swivel: dict[str, Value] = field(default_factory=dict)

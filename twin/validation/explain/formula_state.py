@@ -70,13 +70,13 @@ class FormulaState:
 
     Attributes:
         wrong: number of wrong rows.
-        chance: the condition, as "because a = b"; "" if the formula holds in general.
+        chance_condition: the condition, as "because a = b"; "" if the formula holds in general.
         is_worse: whether a row is further off than before.
         failing: the wrong rows.
     """
 
     wrong: int
-    chance: str
+    chance_condition: str
     is_worse: bool = False
     failing: frozenset[RowKey] = frozenset()
 

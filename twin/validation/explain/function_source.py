@@ -170,14 +170,14 @@ class Source:
         for i, row in enumerate(body):
             statements.append(self._statement(i, row))
         self.statements = tuple(statements)
-        self.plain = bool(body) and isinstance(body[-1].node, ast.Return)
-        self.why = _BRANCHES_REASON
+        self.can_be_split = bool(body) and isinstance(body[-1].node, ast.Return)
+        self.why_not_split = _BRANCHES_REASON
         for row in body:
             for node in ast.walk(row.node):
                 if isinstance(node, ast.Return) and row is not body[-1]:
-                    self.plain = False
-                if isinstance(node, ast.FunctionDef) and self.why is _BRANCHES_REASON:
-                    self.why = f"the function defines {node.name}() inside; define {node.name}() outside"
+                    self.can_be_split = False
+                if isinstance(node, ast.FunctionDef) and self.why_not_split is _BRANCHES_REASON:
+                    self.why_not_split = f"the function defines {node.name}() inside; define {node.name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:
         """Return (names with a value before a statement, those of these names that the statement can use).

@@ -374,7 +374,7 @@ def outputs(judge: Judge, equation: str, other_values: Mapping[str, Value] = Map
     except Exception:
         return {}
     values = returned_values(step, scope[RETURN_NAME])
-    return dict(zip(step.equation.outputs, values, strict=step.plain is not None))
+    return dict(zip(step.equation.outputs, values, strict=step.plain_function is not None))
 
 
 def _wrong_dimensions(judge: Judge) -> Iterator[Finding]:

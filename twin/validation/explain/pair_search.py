@@ -4,7 +4,7 @@
 
 1. equations that return a pose: both edits in one expression, then one edit in each of two expressions;
 2. all equations: an edit in each of two statements (`StatementPairs`);
-3. all equations: the stages of `_stages`, from the kinds with few pairs to those with many.
+3. all equations: the stages of `_StagesOfRow`, from the kinds with few pairs to those with many.
 
 "Expression" is a largest scalar expression, see `required_pairs`. The time is shared from outside to inside: each step
 takes at most its part of what is left of the time of the step around it, so that what a step leaves goes to the next.
@@ -41,13 +41,15 @@ _POSE_PART = 0.4
 _TWO_STATEMENTS_PART = 0.6
 """Maximum part of this time for pairs in different statements, of the last equation; less for those before."""
 
-_FIRST_PART = 0.6
-"""Maximum part of this time for the equation whose rows have most entries; then of the rest for the next one."""
+_EQUATION_PART = 0.6
+"""Maximum part of a stage for the equation whose rows have most entries; then of the rest for the next one."""
 
 _COARSE_POSES = 6
 """Number of poses at which most expressions are rejected."""
 
-_Pairs = Callable[[RequiredPairs, Sequence[RowKey], Deadline], Iterator[tuple[Edit, Edit]]]
+_PairIterator = Iterator[tuple[Edit, Edit]]
+
+_Pairs = Callable[[RequiredPairs, Sequence[RowKey], Deadline], _PairIterator]
 """Yields the pairs of edits of one kind for an equation and its wrong rows, until a deadline."""
 
 
@@ -56,6 +58,85 @@ class _Stage(NamedTuple):
 
     part: float
     pairs: _Pairs
+
+
+class _StagesOfRow:
+    """The kinds of pairs that are tried for one row, and the single edits of which one is the first of a pair."""
+
+    def __init__(
+        self, shared: Sequence[Edit], singles: Sequence[Edit], in_one_statement: _Pairs, until: Deadline
+    ) -> None:
+        """Store the edits.
+
+        Args:
+            shared: repairs of other rows.
+            singles: edits that change the row; those with few replacements at each position first.
+            in_one_statement: yields the pairs in one statement.
+            until: time limit of all stages.
+        """
+        self.shared = shared
+        self.singles = singles
+        self.in_one_statement = in_one_statement
+        self.until = until
+        self._split_singles: dict[int, tuple[list[Edit], list[Edit]]] = {}
+
+    def in_order(self) -> list[_Stage]:
+        """Return the stages in the order in which they are tried: those with few pairs first.
+
+        The parts leave time for the later stages. Two expressions without a first edit have most, because they find
+        most pairs of rows with several entries; the last stage takes all that is left.
+        """
+        return [
+            _Stage(0.2, self._shared_and_formula),
+            _Stage(0.2, self._counterpart_and_expression),
+            _Stage(0.2, self._shared_and_required),
+            _Stage(0.2, RequiredPairs.in_one_expression),
+            _Stage(0.7, RequiredPairs.in_two_expressions),
+            _Stage(0.3, RequiredPairs.in_one_expression_with_term),
+            _Stage(0.2, self._counterpart_and_required),
+            _Stage(0.4, self.in_one_statement),
+            _Stage(0.3, self._outside_and_expression),
+            _Stage(0.5, self._inside_and_expression),
+            _Stage(1.0, self._single_and_required),
+        ]
+
+    def _shared_and_formula(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield a repair of another row, with an edit or a short formula in an expression beside it."""
+        return search.with_edit_beside(self.shared, rows, end, composed=True)
+
+    def _shared_and_required(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield a repair of another row, with any edit from the value that an expression must then have."""
+        return search.with_required_value(self.shared, rows, end)
+
+    def _counterpart_and_expression(
+        self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline
+    ) -> _PairIterator:
+        """Yield what a similar expression has more, with an edit in an expression beside it."""
+        return search.with_edit_beside(search.counterparts, rows, end)
+
+    def _counterpart_and_required(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield what a similar expression has more, with any edit from the value that an expression must then have."""
+        return search.with_required_value(search.counterparts, rows, end)
+
+    def _outside_and_expression(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield single edits outside scalar expressions, each with an edit in an expression beside it."""
+        outside, _ = self._outside_and_inside(search)
+        return search.with_edit_beside(outside, rows, end)
+
+    def _inside_and_expression(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield single edits inside scalar expressions, each with an edit in another expression."""
+        _, inside = self._outside_and_inside(search)
+        return search.with_edit_beside(inside, rows, end)
+
+    def _single_and_required(self, search: RequiredPairs, rows: Sequence[RowKey], end: Deadline) -> _PairIterator:
+        """Yield all single edits, each with any edit from the value that an expression must then have."""
+        return search.with_required_value(self.singles, rows, end)
+
+    def _outside_and_inside(self, search: RequiredPairs) -> tuple[list[Edit], list[Edit]]:
+        """Return the single edits outside and inside the scalar expressions of a search."""
+        if id(search) not in self._split_singles:  # it takes long, and two stages need it
+            self._split_singles[id(search)] = search.outside(self.singles, self.until)
+        return self._split_singles[id(search)]
 
 
 class PairSearch:
@@ -85,7 +166,7 @@ class PairSearch:
                 searches.append((search, rows))
                 if self._has_pose(search, rows):
                     searches_of_poses.append((search, rows))
-        for kind in (RequiredPairs.in_one, RequiredPairs.in_two):
+        for kind in (RequiredPairs.in_one_expression, RequiredPairs.in_two_expressions):
             # A pose rejects nearly all wrong pairs of expressions, so that this takes little time.
             end = until.within(_POSE_PART * until.left)
             pairs += self._tried_pairs(kind, searches_of_poses, end)
@@ -94,12 +175,15 @@ class PairSearch:
         pairs += self._of_two_statements(until)
         if self.choice.has_repair(row, pairs):
             return pairs, True
-        for stage in self._stages(row, singles, shared, until):
+        shared_edits = [candidate.edits[0] for candidate in shared]
+        single_edits = _edits_of_row(singles, row)
+        stages = _StagesOfRow(shared_edits, single_edits, self._in_one_statement, until)
+        for stage in stages.in_order():
             of_stage = until.within(stage.part * until.left)
             for m, (search, rows) in enumerate(searches):
                 if until.passed:
                     break
-                part = _FIRST_PART
+                part = _EQUATION_PART
                 if m == len(searches) - 1:
                     part = 1.0
                 end = of_stage.within(part * of_stage.left)
@@ -107,48 +191,6 @@ class PairSearch:
                 if self.choice.has_repair(row, pairs):
                     return pairs, True
         return pairs, not until.passed
-
-    def _stages(
-        self, row: RowKey, singles: Sequence[Candidate], shared: Sequence[Candidate], until: Deadline
-    ) -> list[_Stage]:
-        """Return the kinds of pairs in the order in which they are tried: those with few pairs first.
-
-        The arguments are those of `pairs_for`.
-        """
-        shared_edits = [candidate.edits[0] for candidate in shared]
-        firsts: list[Edit] = []
-        for candidate in singles:
-            edit = candidate.edits[0]
-            if row in candidate.scores and edit.define is None:
-                firsts.append(edit)
-        # Edits with few replacements at each position come first.
-        firsts.sort(key=lambda edit: (edit.kind not in FORM_KINDS, edit.kind not in TOKEN_KINDS))
-        split_firsts: dict[int, tuple[list[Edit], list[Edit]]] = {}  # it takes long, and two stages need it
-
-        def outside_and_inside(search: RequiredPairs) -> tuple[list[Edit], list[Edit]]:
-            if id(search) not in split_firsts:
-                split_firsts[id(search)] = search.outside(firsts, until)
-            return split_firsts[id(search)]
-
-        return [
-            # a repair of another row, with an edit or a short formula in an expression beside it
-            _Stage(0.2, lambda search, rows, end: search.beside(shared_edits, rows, end, composed=True)),
-            # what a similar expression has more, with an edit in an expression beside it
-            _Stage(0.2, lambda search, rows, end: search.beside(search.counterparts, rows, end)),
-            # a repair of another row, with any edit from the value that an expression must then have
-            _Stage(0.2, lambda search, rows, end: search.required(shared_edits, rows, end)),
-            # two edits of expressions, whose values follow from the rows; no edit is tried first
-            _Stage(0.2, RequiredPairs.in_one),
-            _Stage(0.7, RequiredPairs.in_two),
-            _Stage(0.3, RequiredPairs.in_one_with_term),
-            _Stage(0.2, lambda search, rows, end: search.required(search.counterparts, rows, end)),
-            _Stage(0.4, self._in_one_statement),
-            # single edits that change the row, as first edits: those outside expressions, ...
-            _Stage(0.3, lambda search, rows, end: search.beside(outside_and_inside(search)[0], rows, end)),
-            # ... those inside, and last, with all the time that is left, all of them with any second edit
-            _Stage(0.5, lambda search, rows, end: search.beside(outside_and_inside(search)[1], rows, end)),
-            _Stage(1.0, lambda search, rows, end: search.required(firsts, rows, end)),
-        ]
 
     def _tried_pairs(
         self, kind: _Pairs, searches: Sequence[tuple[RequiredPairs, Sequence[RowKey]]], end: Deadline
@@ -181,7 +223,7 @@ class PairSearch:
                 if step_of_sites is step:
                     own_sites = [site for site in sites if site.source is step.source]
             self._statement_pairs[name] = None
-            if step.plain is None and own_sites:
+            if step.plain_function is None and own_sites:
                 self._statement_pairs[name] = StatementPairs(self.trials.judge, name, own_sites, self.trials.failing)
         return self._statement_pairs[name]
 
@@ -204,7 +246,7 @@ class PairSearch:
                 # One entry of a row does not determine two scalars, so that their edits are tried as well.
                 if most_entries > 1:
                     places = [scalar.place for scalar in search.scalars(self.trials.failing, end)]
-                for first, second in statement_pairs.apart(end, places):
+                for first, second in statement_pairs.in_two_statements(end, places):
                     candidate = self._pair(search, first, second)
                     if candidate is not None:
                         self._in_two_statements.append(candidate)
@@ -216,7 +258,7 @@ class PairSearch:
         """Yield pairs of edits in one statement; they are searched for all failing rows at once, not for one."""
         statement_pairs = self.statement_pairs(search.step)
         if statement_pairs is not None and len(rows) == len(self.trials.failing):
-            yield from statement_pairs.together(end)
+            yield from statement_pairs.in_one_statement(end)
 
     def _pair(self, search: RequiredPairs, first: Edit, second: Edit) -> Candidate | None:
         """Return the candidate for two edits of one function, judged in all equations that call it."""
@@ -239,3 +281,14 @@ class PairSearch:
             searches.append(RequiredPairs(coarse, full, step, sites, self.trials.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
         return sorted(searches, key=lambda search: self.trials.entries(search.step), reverse=True)
+
+
+def _edits_of_row(singles: Sequence[Candidate], row: RowKey) -> list[Edit]:
+    """Return the edits that change a row and need no new name, those with few replacements at each position first."""
+    edits: list[Edit] = []
+    for candidate in singles:
+        edit = candidate.edits[0]
+        if row in candidate.worst_residuals and edit.define is None:
+            edits.append(edit)
+    edits.sort(key=lambda edit: (edit.kind not in FORM_KINDS, edit.kind not in TOKEN_KINDS))
+    return edits

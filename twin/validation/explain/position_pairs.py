@@ -85,7 +85,7 @@ class PositionPairs:
         candidates: list[Candidate] = []
         effects: list[float] = []
         for candidate in singles:
-            after = candidate.changed.get(row)
+            after = candidate.changed_residuals.get(row)
             if after is not None and after.shape == before.shape and np.isfinite(after).all():
                 candidates.append(candidate)
                 effects.append(float(weights @ (after - before).ravel()))
@@ -110,7 +110,7 @@ class PositionPairs:
             for second in singles:
                 if end.passed:
                     return
-                if row in second.scores:
+                if row in second.worst_residuals:
                     yield first, second
 
     def _undefined(self, step: Step) -> list[ByteRange]:
@@ -160,5 +160,5 @@ def _can_be_combined(a: Candidate, b: Candidate) -> bool:
 
 def _moves(candidate: Candidate, row: RowKey, before: Array) -> bool:
     """Return whether a candidate changes the residuals `before` (k, entries) of a row."""
-    after = candidate.changed.get(row)
+    after = candidate.changed_residuals.get(row)
     return after is not None and not np.array_equal(after, before)

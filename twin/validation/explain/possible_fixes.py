@@ -286,7 +286,7 @@ def _judge_at_new_states(judge: Judge, model: ReferenceModel) -> Judge | None:
 
 def _holds(new_judge: Judge, candidate: Candidate, rows: list[RowKey], failing: set[RowKey]) -> bool:
     """Return whether the rows agree at the new states after a candidate's edits."""
-    if candidate.extra:  # names defined by the edits have values only at the states of the search
+    if candidate.defined_values:  # names defined by the edits have values only at the states of the search
         return True
     step = new_judge.step(candidate.step.equation.name)
     residuals = trial_residuals(new_judge, step, candidate.edits)

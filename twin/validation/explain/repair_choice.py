@@ -66,7 +66,7 @@ class RepairChoice:
         if self.is_rejected(candidate):
             return False
         after = self.states.after(candidate.edits)
-        return after is None or not (after.chance or after.is_worse)
+        return after is None or not (after.chance_condition or after.is_worse)
 
     def has_repair(self, row: RowKey, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance.
@@ -93,8 +93,8 @@ class RepairChoice:
         for reported, _ in self.by_chance:
             if not repaired.isdisjoint(self._repaired(reported)):
                 return
-        if after is not None and after.chance:
-            self._report(candidate, after.chance)
+        if after is not None and after.chance_condition:
+            self._report(candidate, after.chance_condition)
 
     def _report(self, candidate: Candidate, chance: str) -> None:
         """Add a candidate and the condition of its chance to `by_chance`, unless the same edits are there already."""
@@ -105,7 +105,7 @@ class RepairChoice:
 
     def _repaired(self, candidate: Candidate) -> set[RowKey]:
         """Return the failing rows that agree after a candidate's edits."""
-        return {row for row in self.trials.failing if candidate.scores.get(row, np.inf) <= 1}
+        return {row for row in self.trials.failing if candidate.worst_residuals.get(row, np.inf) <= 1}
 
     def best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Keep the cures after which the fewest rows of the whole formula are wrong.
@@ -178,8 +178,8 @@ class RepairChoice:
                     return changed, []
         unusual = max(results, key=lambda result: result.cures[0][0].rank)
         after = self.states.after(_first_edits(results))
-        if after is not None and after.chance:
-            self._report(unusual.cures[0][0], after.chance)
+        if after is not None and after.chance_condition:
+            self._report(unusual.cures[0][0], after.chance_condition)
         for candidate in unusual.cures[0]:
             candidate.by_chance = True
             self.trials.rejected.add(frozenset(candidate.edits))
@@ -201,7 +201,7 @@ class RepairChoice:
         rows: set[RowKey] = set()
         for result in results:
             rows.update(result.rows)
-        return not (after.chance or rows & after.failing)
+        return not (after.chance_condition or rows & after.failing)
 
 
 def _first_edits(results: Sequence[GroupResult]) -> list[Edit]:

@@ -196,7 +196,7 @@ class RepairSearch(Trials):
     def _from_values(self, unrepaired: list[RowKey]) -> list[RowKey]:
         """Try the edits that follow from similar expressions and from required values; return rows without a repair."""
         self.singles.until = self.deadline
-        self.singles.refute()  # first, because no value is required of expressions without a right one
+        self.singles.find_refuted()  # first, because no value is required of expressions without a right one
         self._candidates += self.singles.counterparts(unrepaired)
         self._candidates += self.singles.required(unrepaired)
         return self._group_rows()
@@ -275,7 +275,7 @@ class RepairSearch(Trials):
             if not self.choice.has_repair(row, pairs):
                 pairs, complete = self.pair_search.pairs_for(row, singles, shared, deadline)
             if not self.choice.has_repair(row, pairs):
-                evaluated = self.singles.deferred()
+                evaluated = self.singles.evaluate_deferred()
                 late += evaluated
                 singles += evaluated  # each may be one of a pair
                 pairs = list(late)
@@ -294,7 +294,7 @@ class RepairSearch(Trials):
         pairs: list[Candidate] = []
         firsts: list[Candidate] = []
         for candidate in singles:
-            repairs_row = candidate.scores.get(row, np.inf) <= 1
+            repairs_row = candidate.worst_residuals.get(row, np.inf) <= 1
             if candidate.by_chance and repairs_row and not (candidate.breaks_row or candidate.is_trivial):
                 firsts.append(candidate)
         firsts.sort(key=lambda candidate: candidate.rank)
@@ -392,7 +392,7 @@ class RepairSearch(Trials):
             if not candidate.may_be_proposed:
                 continue
             repaired_rows: set[RowKey] = set()
-            for row, residual in candidate.scores.items():
+            for row, residual in candidate.worst_residuals.items():
                 if residual <= 1 and row in unrepaired:
                     repaired_rows.add(row)
             repaired.append(repaired_rows)
@@ -412,12 +412,12 @@ class RepairSearch(Trials):
     def _result(self, rows: list[RowKey], repairs: list[Candidate], candidates: list[Candidate]) -> GroupResult:
         """Return the result for a group of rows: `repairs` may repair them, `candidates` have the next best edit."""
         exact = self.exact(rows, repairs)[:MOST_EXACT_EDITS]
-        every_cure = self.functions.distinct(exact, rows)
+        every_cure = self.functions.grouped_by_function(exact, rows)
         cures = self.choice.best(every_cure)
         if every_cure and not cures:
             first = every_cure[0][0]
             state = self.choice.states.after(first.edits)
-            if state is not None and (state.chance or state.is_worse):
+            if state is not None and (state.chance_condition or state.is_worse):
                 self.choice.exclude(first)
         best_residual = float("inf")
         for candidate in exact:
@@ -429,7 +429,7 @@ class RepairSearch(Trials):
         runner_up: Candidate | None = None
         runner_up_residual = float("inf")
         for candidate in candidates:
-            changes_rows = not candidate.scores.keys().isdisjoint(rows)
+            changes_rows = not candidate.worst_residuals.keys().isdisjoint(rows)
             if id(candidate) in identities or not changes_rows:
                 continue
             residual = candidate.worst_over(rows, self.worst_before)

@@ -253,7 +253,7 @@ class ReplacementPairs:
                 continue
             name, expression = edit.define
             if not expression and name in judge.reference.symbols:  # a new argument of the function
-                extra[name] = plain_values.to_function_form(step.plain, judge.reference.symbols[name])
+                extra[name] = plain_values.to_function_form(step.plain_function, judge.reference.symbols[name])
         functions: dict[str, Value] = dict(zip(_EXPANSION_NAMES, self._expansions, strict=True))
         with names_in_helpers(judge, step, change, functions):
             deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **functions})

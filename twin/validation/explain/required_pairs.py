@@ -103,12 +103,12 @@ class RequiredPairs:
         """Judge at all poses, at which `if_else(condition, value, nan)` is `value`."""
         return self.full.copies(1)
 
-    def in_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_one_expression(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
         for expression, required in self._required_of_one(rows, deadline):
             yield from expression.edit_pairs(required)
 
-    def in_one_with_term(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_one_expression_with_term(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of an edit, and a missing term or factor in the same expression."""
         for expression, required in self._required_of_one(rows, deadline):
             yield from with_term(expression, required)
@@ -126,7 +126,7 @@ class RequiredPairs:
             if shift is not None:
                 yield Expression(site, node, shift, deadline), _required_values(shift)
 
-    def in_two(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_two_expressions(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
         unexplained: list[tuple[float, _ScalarPair]] = []
         for a, b in combinations(self.scalars(rows, deadline), 2):
@@ -160,7 +160,7 @@ class RequiredPairs:
                 edits_of_b = list(self._composed(b, shift_of_b, deadline))
             yield from product(edits_of_a, edits_of_b)
 
-    def beside(
+    def with_edit_beside(
         self, firsts: Sequence[Edit], rows: Sequence[RowKey], deadline: Deadline, composed: bool = False
     ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of the edits `firsts` and an edit of an expression that it does not touch.
@@ -184,7 +184,7 @@ class RequiredPairs:
                 for second in seconds:
                     yield first, second
 
-    def required(
+    def with_required_value(
         self, firsts: Sequence[Edit], rows: Sequence[RowKey], deadline: Deadline
     ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of `firsts` and an edit from the value that a scalar or vector must then have."""
@@ -215,7 +215,7 @@ class RequiredPairs:
         return any(row[:2] == statement for row in rows)
 
     def outside(self, edits: Sequence[Edit], deadline: Deadline) -> tuple[list[Edit], list[Edit]]:
-        """Return (edits in no scalar expression, so that only `beside` finds a pair with them; the other edits)."""
+        """Return (edits in no scalar expression, of which only `with_edit_beside` finds pairs; the other edits)."""
         places = [scalar.place for scalar in self.scalars(self.failing, deadline)]
         outside: list[Edit] = []
         inside: list[Edit] = []

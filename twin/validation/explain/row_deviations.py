@@ -65,7 +65,7 @@ class Judge:
         self.reference = reference
         self.tolerance = tolerance or Tolerance()
         self.variants = choose(formula, variants)
-        self.rebuild = Rebuilder()
+        self.rebuilder = Rebuilder()
         self.notes: list[str] = []
         self._helpers: dict[str, list[Helper]] = {}
         self._zeros: dict[str, Array] = {}
@@ -107,7 +107,7 @@ class Judge:
                     scope=step.scope,
                     inputs=step.inputs,
                     required=step.required,
-                    plain=step.plain,
+                    plain_function=step.plain_function,
                 )
                 judge.steps.append(fresh)
         judge._run()
@@ -119,21 +119,30 @@ class Judge:
         function = equation.variants[variant]
         try:
             source = Source(function)
-            scope = self.rebuild.scope(inspect.unwrap(function))  # type: ignore[arg-type]
+            scope = self.rebuilder.scope(inspect.unwrap(function))  # type: ignore[arg-type]
         except KinematicsError as error:
             self.notes.append(f"{equation.name} ({variant}) was not judged: {error}")
             return None
-        if not source.plain:
-            self.notes.append(f"{equation.name} ({variant}) was not judged: {source.why}")
+        if not source.can_be_split:
+            self.notes.append(f"{equation.name} ({variant}) was not judged: {source.why_not_split}")
             return None
         codes: list[CodeType] = []
         for statement in source.statements:
             codes.append(source.compiled(statement))
         required, optional = arguments(function)
-        plain = None
+        plain_function = None
         if isinstance(function, PlainRows):
-            plain = function
-        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=plain)
+            plain_function = function
+        return Step(
+            equation,
+            variant,
+            source,
+            codes,
+            scope,
+            (*required, *optional),
+            tuple(required),
+            plain_function=plain_function,
+        )
 
     def step(self, equation: str) -> Step:
         """Return the `Step` of the equation with this name.
@@ -200,7 +209,7 @@ class Judge:
         step.computed = dict(computed)
         step.known_outputs = frozenset(names).intersection(self.reference.kinds)
         step.compared_variables = step.known_outputs
-        if step.plain is not None:
+        if step.plain_function is not None:
             step.compared_variables = step.known_outputs & plain_values.compared_variables(step.source, names)
         last = step.source.statements[-1]
         returned = getattr(last.node, "value", None)
@@ -264,7 +273,7 @@ class Judge:
             raise error
         for i, name in enumerate(statement.writes):
             self._store_without_value(step.place(statement.index, i, name, statement.line), residuals)
-            scope[name] = plain_values.to_function_form(step.plain, self.reference.symbols[name])
+            scope[name] = plain_values.to_function_form(step.plain_function, self.reference.symbols[name])
         return frozenset({(statement.index, -1)})
 
     def _run_elements(
@@ -279,7 +288,7 @@ class Judge:
         """
         outputs = step.equation.outputs
         codes = step.source.elements(statement, edits)
-        if len(codes) != len(outputs) or step.plain is not None:
+        if len(codes) != len(outputs) or step.plain_function is not None:
             raise error
         values: list[Value] = []
         places: set[tuple[int, int]] = set()
@@ -334,8 +343,8 @@ class Judge:
     def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
         """Return the variables with which an equation starts: its globals and its arguments."""
         values = {**computed, **self.reference.symbols, **step.swivel}
-        if step.plain is not None:
-            return {**step.scope, **plain_values.arguments(step.plain, values)}
+        if step.plain_function is not None:
+            return {**step.scope, **plain_values.arguments(step.plain_function, values)}
         scope = dict(step.scope)
         for name in step.inputs:
             if name in values:
@@ -352,9 +361,9 @@ class Judge:
             place = step.place(statement.index, i, name, statement.line)
             if place in residuals:  # the statement has no value
                 continue
-            value = plain_values.from_function_form(step.plain, scope[name])
+            value = plain_values.from_function_form(step.plain_function, scope[name])
             residuals[place] = self.difference(name, value)
-            scope[name] = plain_values.to_function_form(step.plain, self.reference.symbols[name])
+            scope[name] = plain_values.to_function_form(step.plain_function, self.reference.symbols[name])
 
     def _outputs(self, step: Step, scope: Mapping[str, Value], residuals: Residuals) -> dict[str, Value]:
         """Return the outputs of an equation that was run, and store the residuals of the known ones."""
@@ -585,7 +594,7 @@ class Judge:
             name = edit.define[0]
             for values in (step.computed, self.reference.symbols):
                 if name in values:
-                    scope.setdefault(name, plain_values.to_function_form(step.plain, values[name]))
+                    scope.setdefault(name, plain_values.to_function_form(step.plain_function, values[name]))
 
     def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], residuals: Residuals) -> None:
         """Run the later equations that use changed outputs, and store their residuals."""
@@ -598,8 +607,8 @@ class Judge:
                 continue
             # Do not reuse earlier results: a helper that this equation calls may be edited.
             scope = {**plain_values.with_copied_values(later.before[0]), **later.scope}
-            if later.plain is not None:
-                scope |= plain_values.arguments(later.plain, {**self.reference.symbols, **computed})
+            if later.plain_function is not None:
+                scope |= plain_values.arguments(later.plain_function, {**self.reference.symbols, **computed})
             else:
                 for name in later.inputs:
                     if name in changed:
@@ -630,7 +639,7 @@ class Judge:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
         variables: dict[str, Value] = {}
         for name, value in {**step.computed, **self.reference.symbols}.items():
-            variables[name] = plain_values.to_function_form(step.plain, value)
+            variables[name] = plain_values.to_function_form(step.plain_function, value)
         return plain_values.with_copied_values(variables | self._environment(step, step.computed))
 
     def residuals_after(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
@@ -703,8 +712,8 @@ def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
 
 def returned_values(step: Step, value: Value) -> list[Value]:
     """Split what the function of a step returned into one value for each output."""
-    if step.plain is not None:
-        value = plain_values.output_values(step.plain, value)
+    if step.plain_function is not None:
+        value = plain_values.output_values(step.plain_function, value)
     if isinstance(value, tuple | list):
         return list(value)
     return [value]

@@ -189,7 +189,7 @@ class SingleEdits:
 
     # -- expressions without a right value -----------------------------------------------------------------------
 
-    def refute(self) -> None:
+    def find_refuted(self) -> None:
         """Find the expressions in which no single edit can repair a failing row, also one with another repair."""
         until = self.deadline.within(_REFUTE_PART * self.deadline.left)
         failing = self.trials.failing
@@ -214,7 +214,7 @@ class SingleEdits:
         """Return whether an edit is in an expression without a right value."""
         return _is_within_one((edit.path, edit.start, edit.end), self.refuted)
 
-    def deferred(self) -> list[Candidate]:
+    def evaluate_deferred(self) -> list[Candidate]:
         """Evaluate the edits that were left out because Gauss-Newton found no value for their expressions."""
         candidates: list[Candidate] = []
         for steps, edit in self._deferred:

@@ -17,7 +17,6 @@ from itertools import combinations, product
 from types import CodeType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
@@ -30,6 +29,7 @@ from twin.validation.explain.operand_pairs import EvaluatedPairs, operand_pairs,
 from twin.validation.explain.plain_values import with_copied_values
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.swivel import LINEARITY_ANGLE, SWIVEL_ANGLES, at_best_swivel, is_linear_in_swivel
 from twin.validation.explain.tokens import is_sum, names_in
 
 _MOST_PAIRS_AT_ONCE = 100_000
@@ -52,33 +52,6 @@ _MOST_YIELDED_PAIRS = 60
 
 _MOST_RANKED_PAIRS = 2000
 """Maximum number of pairs in one statement of which those with the likeliest kinds are chosen."""
-
-_SWIVEL_ANGLES = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
-"""Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
-
-_LINEARITY_ANGLE = 1.0
-"""Another value, at which it is tested whether rows are linear in them."""
-
-_LINEARITY_ROUNDING = 1e-9
-"""Relative difference that rounding may cause."""
-
-_SMALLEST_DETERMINANT_RATIO = 1e-10
-"""Relative size of a determinant below which the parts with sine and cosine are parallel."""
-
-_LARGEST_SOUGHT_RESIDUAL = 1e3
-"""Residual, in units of the tolerance, up to which an angle is sought."""
-
-_LARGEST_CIRCLE_ERROR = 1e-3
-"""Difference of cosine^2 + sine^2 from 1 up to which an angle is sought."""
-
-_SWIVEL_STARTS = 16
-"""Number of start values of the swivel angle."""
-
-_SWIVEL_STEPS = 6
-"""Number of steps of Gauss-Newton from the best start value."""
-
-_NO_SLOPE = 1e-300
-"""Minimum divisor where rows may not depend on the swivel angle."""
 
 _Scope = dict[str, Value]
 """Values of variables and globals by name, at one pose."""
@@ -110,7 +83,7 @@ class StatementPairs:
         self._first_values_of: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_WrittenValues]] = {}
         """Values after edits of a statement, by its index, the edits and the swivel angle."""
 
-    def apart(self, deadline: Deadline, scalars: Sequence[TextPlace] = ()) -> Iterator[tuple[Edit, Edit]]:
+    def in_two_statements(self, deadline: Deadline, scalars: Sequence[TextPlace] = ()) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first.
 
         Pairs of other kinds are left out if both are in the expressions at the places `scalars`, because
@@ -139,7 +112,7 @@ class StatementPairs:
                 yield from self._pairs(first, second, firsts_outside, seconds, deadline)
                 yield from self._pairs(first, second, firsts_inside, seconds_outside, deadline)
 
-    def together(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_one_statement(self, deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in one statement after which a row agrees at one pose."""
         for site in self.sites:
             if deadline.passed:
@@ -203,18 +176,18 @@ class StatementPairs:
     def _angles(self) -> tuple[float | None, ...]:
         """The swivel angles in rad at which rows are evaluated; one None without a swivel."""
         if self.step.swivel:
-            return _SWIVEL_ANGLES
+            return SWIVEL_ANGLES
         return (None,)
 
     @cached_property
     def _linear(self) -> bool:
-        """Whether the rows are linear in sine and cosine of the swivel; see `_at_best_angle`."""
+        """Whether the rows are linear in sine and cosine of the swivel; see `at_best_swivel`."""
         if not self.step.swivel:
             return True
         last = self.step.source.statements[-1]
         at_angles: list[dict[RowKey, Array]] = []
         with unguarded(), np.errstate(all="ignore"):
-            for angle in (*_SWIVEL_ANGLES, _LINEARITY_ANGLE):
+            for angle in (*SWIVEL_ANGLES, LINEARITY_ANGLE):
                 scope = self._before(last, angle)
                 if scope is None or not self._between([last], scope):
                     return False
@@ -223,14 +196,7 @@ class StatementPairs:
             of_row = [residuals[row] for residuals in at_angles if row in residuals]
             if len(of_row) < len(at_angles):
                 continue
-            zero, ahead, back, at_fourth = of_row
-            mean, cosine, sine = _harmonics(zero, ahead, back)
-            if not np.isfinite(np.hstack([mean, cosine, sine, at_fourth])).all():
-                continue
-            # Three angles determine the three parts; the fourth one shows whether there are no others.
-            predicted = mean + cosine * np.cos(_LINEARITY_ANGLE) + sine * np.sin(_LINEARITY_ANGLE)
-            size = np.abs(at_fourth).max() + np.abs(mean).max()
-            if not np.abs(predicted - at_fourth).max() <= _LINEARITY_ROUNDING * size:
+            if not is_linear_in_swivel(*of_row):
                 return False
         return True
 
@@ -581,65 +547,7 @@ def _agreeing_trials(at_angles: Sequence[Mapping[RowKey, Array]], rows: Sequence
         with np.errstate(all="ignore"):
             best = residuals[0]
             if len(residuals) > 1:
-                best = _at_best_angle(*residuals)
+                best = at_best_swivel(*residuals)
             largest = np.abs(best).max(axis=1)
         counts.update(np.flatnonzero(largest <= 1.0).tolist())
     return sorted(counts, key=lambda n: (-counts[n], n))
-
-
-def _harmonics(zero: Array, ahead: Array, back: Array) -> tuple[Array, Array, Array]:
-    """Return (mean, part with the cosine, part with the sine) of values that are linear in both, from three angles."""
-    mean = (zero + ahead + back) / 3
-    return mean, zero - mean, (ahead - back) / np.sqrt(3)
-
-
-def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
-    """Return the residuals (n, entries) at the best swivel angle of each pair, from those at `_SWIVEL_ANGLES`."""
-    mean, cosine, sine = _harmonics(zero, ahead, back)
-    residuals = np.full_like(zero, np.inf)
-    possible = np.flatnonzero(_may_vanish(mean, cosine, sine))
-    mean = mean[possible]
-    cosine = cosine[possible]
-    sine = sine[possible]
-
-    def at(angle: Array) -> Array:
-        return mean + cosine * np.cos(angle)[:, None] + sine * np.sin(angle)[:, None]
-
-    best = np.zeros(len(mean))
-    least = np.full(len(mean), np.inf)
-    for start in np.linspace(0, 2 * np.pi, _SWIVEL_STARTS, endpoint=False):
-        angle = np.full(len(mean), start)
-        size = np.sum(at(angle) ** 2, axis=1)
-        best = np.where(size < least, angle, best)
-        least = np.fmin(size, least)
-    for _ in range(_SWIVEL_STEPS):
-        slope = sine * np.cos(best)[:, None] - cosine * np.sin(best)[:, None]
-        size = np.maximum(np.sum(slope**2, axis=1), _NO_SLOPE)
-        step = np.sum(slope * at(best), axis=1) / size
-        best = best - np.nan_to_num(step)
-    residuals[possible] = at(best)
-    return residuals
-
-
-def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
-    """Return for which pairs `mean + cosine * x + sine * y` is nearly zero for some x and y, by least squares.
-
-    If x and y are determined, they must also be nearly a cosine and a sine.
-    """
-    # The normal equations of least squares, for each pair:  cc x + cs y = -cm,  cs x + ss y = -sm.
-    cc = np.sum(cosine * cosine, axis=1)
-    cs = np.sum(cosine * sine, axis=1)
-    ss = np.sum(sine * sine, axis=1)
-    cm = np.sum(cosine * mean, axis=1)
-    sm = np.sum(sine * mean, axis=1)
-    determinant = cc * ss - cs * cs
-    determined = determinant > _SMALLEST_DETERMINANT_RATIO * cc * ss
-    with np.errstate(all="ignore"):  # the quotients of the other case
-        # if both parts are parallel, the larger one alone
-        x_alone = np.where(cc >= ss, -cm / cc, 0.0)
-        y_alone = np.where(cc >= ss, 0.0, -sm / ss)
-        x = np.where(determined, (cs * sm - ss * cm) / determinant, x_alone)
-        y = np.where(determined, (cs * cm - cc * sm) / determinant, y_alone)
-    least = np.abs(mean + cosine * x[:, None] + sine * y[:, None]).max(axis=1)
-    on_circle = np.abs(x**2 + y**2 - 1) <= _LARGEST_CIRCLE_ERROR
-    return (least <= _LARGEST_SOUGHT_RESIDUAL) & (~determined | on_circle)

@@ -125,7 +125,7 @@ class Trials:
                 return first
             # The trial of an equation whose helper is edited also runs the later equations, with the edited helper.
             if step.source.name != change[0].function:
-                for equation, _, _ in candidate.scores:
+                for equation, _, _ in candidate.worst_residuals:
                     judged.add(equation)
             if first is None:
                 first = candidate
@@ -193,14 +193,14 @@ class Trials:
         """Return the candidates after which all given rows agree, the most usual edits first."""
         exact: list[Candidate] = []
         for candidate in candidates:
-            changes_rows = not candidate.scores.keys().isdisjoint(rows)
+            changes_rows = not candidate.worst_residuals.keys().isdisjoint(rows)
             if candidate.may_be_proposed and changes_rows and candidate.worst_over(rows, self.worst_before) <= 1:
                 exact.append(candidate)
         exact.sort(key=lambda candidate: candidate.rank)
         runnable: list[Candidate] = []
         for candidate in exact:
             # Names that the edits define have values only at the samples of the search.
-            if candidate.extra or self._runs_at_one_sample(candidate):
+            if candidate.defined_values or self._runs_at_one_sample(candidate):
                 runnable.append(candidate)
         return runnable
 
