@@ -34,7 +34,7 @@ Plan = Callable[..., Trajectory]
 """Function (robot, protocol) that returns the planned trajectory."""
 
 
-class DescriptionFile(typing.Protocol):
+class SourceFile(typing.Protocol):
     """A file in a foreign format that describes a robot."""
 
     @property
@@ -47,7 +47,7 @@ class ExportableSource(typing.Protocol):
     @property
     def kind(self) -> str: ...  # noqa: D102
     @property
-    def described(self) -> DescriptionFile | None: ...  # noqa: D102
+    def described(self) -> SourceFile | None: ...  # noqa: D102
 
 
 class ExportableRobot(typing.Protocol):
