@@ -320,3 +320,28 @@ def test_loops_without_exclusion_name_the_others(clean, tmp_path):
     (finding,) = check_stage(seeded(clean, tmp_path, PRINTED["loop"][0]))
     for name in ("rocker_joint", "crank_joint", "elbow"):
         assert name in finding.message
+
+
+def test_a_body_without_a_finite_place_is_named_once_with_its_joints(clean, tmp_path):
+    """A body on a ball joint alone, which has neither state nor limits, was found by nothing: NaN exceeds no limit."""
+    nan = float("nan")
+
+    def spoil(stage):
+        stage.GetPrimAtPath("/bars/rocker").GetAttribute("xformOp:translate").Set(Gf.Vec3d(nan, 0, 0))
+
+    path = seeded(clean, tmp_path, spoil)
+    found = [finding for finding in check_stage(path) if finding.code == "stage.not_finite"]
+    places = [finding.where for finding in found]
+    assert "/bars/rocker" in places
+    assert all(place == "/bars/rocker" or place.startswith("/bars/joints/") for place in places)
+    assert len(places) == len(set(places)) >= 2
+    with pytest.raises(StageError, match="/bars/rocker: a number of its transform is not finite"):
+        read_stage(path)
+
+
+def test_a_joint_frame_that_is_not_finite_is_named(clean, tmp_path):
+    def spoil(stage):
+        stage.GetPrimAtPath(ELBOW).GetAttribute("physics:localPos0").Set(Gf.Vec3f(float("nan"), 0, 0))
+
+    found = check_stage(seeded(clean, tmp_path, spoil))
+    assert [finding.where for finding in found if finding.code == "stage.not_finite"] == [ELBOW]

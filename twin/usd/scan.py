@@ -322,7 +322,8 @@ def rigid(M: Array) -> Array:
     # An orthonormal rotation is returned unchanged; a rounded or scaled rotation is made orthonormal.
     unscaled = axes / np.where(size > 0, size, 1.0)
     R = np.where(np.abs(size - 1) < _UNIT_ROUNDING, axes, unscaled)
-    is_mirrored = np.linalg.det(R)[..., None, None] < 0
+    with np.errstate(invalid="ignore"):  # a pose that is not finite stays so, for the checks to find
+        is_mirrored = np.linalg.det(R)[..., None, None] < 0
     R = np.where(is_mirrored, -R, R)
     products = np.swapaxes(R, -1, -2) @ R
     is_exact = np.all(products == np.eye(3), axis=(-1, -2))[..., None, None]

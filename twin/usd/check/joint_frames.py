@@ -50,13 +50,16 @@ _LIMITS = Kind(
     "exchange the limits: otherwise, engines lock the joint, exchange its limits or ignore them",
     word="upper",
 )
+_NOT_FINITE = Kind(
+    "stage.not_finite", "disagreement", "author finite numbers in the joint's frames and in the poses of its bodies"
+)
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 
 
 def deviation(kind: str, T_0_1: Array) -> tuple[Array, Array]:
     """Return (distances (k,) in m, angles (k,) in rad) between the two frames of a joint in its locked directions.
 
-    A (k, 4, 4) is the pose of the frame on body1 relative to the frame on body0; `kind` is the joint type.
+    `T_0_1` (k, 4, 4) is the pose of the frame on body1 relative to the frame on body0; `kind` is the joint type.
     """
     p = T_0_1[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
@@ -82,6 +85,13 @@ def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
             yield _JOINT(joint.path, f"joint {joint.path}: {joint.fault}")
             continue
         T_0_1 = line.relative(joint)
+        is_finite = np.isfinite(T_0_1).all(axis=(1, 2))
+        if not is_finite.all():
+            # Every comparison with NaN is false: the frames would seem to meet.
+            first = int(np.argmin(is_finite))
+            text = f"joint {joint.path}: its frames cannot be compared, because a number of their poses is not finite"
+            yield _NOT_FINITE(joint.path, text, when=line.labels[first])
+            continue
         yield from _check_meeting(joint, line, T_0_1)
         ordered = True
         if joint.limits and not joint.limits[0] <= joint.limits[1]:

@@ -52,6 +52,7 @@ _SCALE = Kind(
     "scale the mesh points instead: engines disagree on scaled joint frames and masses",
     word="expected",
 )
+_NOT_FINITE = Kind("stage.not_finite", "disagreement", "author finite numbers in the transform ops")
 _XFORM_TYPE = Kind("stage.xform_type", "disagreement", "author the op in the correct type")
 
 
@@ -155,14 +156,20 @@ def check_ops(scene: RawStage) -> Iterator[Finding]:
 
 
 def check_transforms(scene: RawStage) -> Iterator[Finding]:
-    """Yield findings on transforms that ignore their parents (resetXformStack), are mirrored, or are scaled."""
+    """Yield findings on transforms that are not finite, ignore their parents, are mirrored, or are scaled."""
     for prim in scene.prims:
         if not prim.IsA(UsdGeom.Xformable):
             continue
         path = str(prim.GetPath())
         is_body = path in scene.bodies
         yield from _check_reset(scene, prim)
-        axes = scene.raw_transform(prim)[:3, :3]
+        transform = scene.raw_transform(prim)
+        if not np.isfinite(transform).all():
+            # What is below the prim is displaced too; the first prim on the path says where to look.
+            if not _has_transform_not_finite(scene, prim.GetParent()):
+                yield _NOT_FINITE(path, f"{path}: a number of its transform is not finite: it has no place")
+            continue
+        axes = transform[:3, :3]
         size = np.linalg.norm(axes, axis=0)
         deviations = np.abs(size - 1)
         if np.linalg.det(axes) < 0 and (is_body or prim.IsA(UsdGeom.Gprim)):
@@ -171,6 +178,12 @@ def check_transforms(scene: RawStage) -> Iterator[Finding]:
         elif is_body and np.max(deviations) > SCALE_TOL:
             worst = size[np.argmax(deviations)]
             yield _SCALE(path, f"rigid body {path} is scaled", Quantity(worst), 1.0)
+
+
+def _has_transform_not_finite(scene: RawStage, prim: Usd.Prim) -> bool:
+    if prim.IsPseudoRoot() or not prim.IsA(UsdGeom.Xformable):
+        return False
+    return not np.isfinite(scene.raw_transform(prim)).all()
 
 
 def _check_reset(scene: RawStage, prim: Usd.Prim) -> Iterator[Finding]:

@@ -26,10 +26,13 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     but not to mass and inertia. The scale of the body's ancestors must be uniform.
 
     Raises:
-        StageError: the body is mirrored or sheared, or an ancestor is scaled non-uniformly, so that the shape of the
-            body would change with its orientation.
+        StageError: the pose of the body is not finite; or the body is mirrored or sheared, or an ancestor is scaled
+            non-uniformly, so that the shape of the body would change with its orientation.
     """
-    axes = scene.raw_transform(body)[:3, :3]
+    transform = scene.raw_transform(body)
+    if not np.isfinite(transform).all():
+        raise StageError(f"{scene.path}: rigid body {body.GetPath()}: a number of its transform is not finite")
+    axes = transform[:3, :3]
     parent_axes = np.eye(3)
     if UsdGeom.Xformable(body.GetParent()):
         parent_axes = scene.raw_transform(body.GetParent())[:3, :3]
