@@ -27,10 +27,10 @@ from twin.usd import gf
 DIRECTIONS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 """Instance names of the six directions of a generic joint, in the order of `model.joint.FREE_AXES`."""
 
-SYMMETRIC = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+_CYCLIC_TURN = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
 """Cyclic rotation (3, 3): x to y, y to z, z to x."""
 
-TURNS = {"X": SYMMETRIC, "Y": SYMMETRIC @ SYMMETRIC, "Z": np.eye(3)}
+TURN_OF_AXIS = {"X": _CYCLIC_TURN, "Y": _CYCLIC_TURN @ _CYCLIC_TURN, "Z": np.eye(3)}
 """Rotation (3, 3) of the joint frame that makes z the axis of the joint, by axis token (X, Y, Z)."""
 
 
@@ -174,7 +174,7 @@ class RawStage:
         """Time codes (k,) at which the transform of a body or of an ancestor has samples."""
         prims: dict[Sdf.Path, Usd.Prim] = {}
         for body in self.bodies.values():
-            for ancestor in _ancestry(body):
+            for ancestor in _with_ancestors(body):
                 prims[ancestor.GetPath()] = ancestor
         codes = set()
         for prim in prims.values():
@@ -196,7 +196,7 @@ class RawStage:
 
     def owner(self, prim: Usd.Prim) -> Usd.Prim | None:
         """Return the rigid body that a prim belongs to (itself or its nearest ancestor); None if there is none."""
-        for ancestor in _ancestry(prim):
+        for ancestor in _with_ancestors(prim):
             if str(ancestor.GetPath()) in self.bodies:
                 return ancestor
         return None
@@ -228,19 +228,19 @@ class RawStage:
             T = spatial.pose(self.R_world_stage) @ T
         return T
 
-    def size(self, prim: Usd.Prim) -> Array:
+    def scale(self, prim: Usd.Prim) -> Array:
         """Return the scale (3,) along the axes of a prim: length in units of the stage per length in units of the prim.
 
         A scale that is uniform up to rounding errors is returned with three equal numbers.
         """
         axes = self.raw_transform(prim)[:3, :3]
-        sizes = np.linalg.norm(axes, axis=0)
-        if np.ptp(sizes) <= SCALE_TOL * sizes.max():
+        scales = np.linalg.norm(axes, axis=0)
+        if np.ptp(scales) <= SCALE_TOL * scales.max():
             volume = abs(np.linalg.det(axes))
-            sizes = np.full(3, np.cbrt(volume))
-        if np.abs(sizes - 1).max() <= SCALE_TOL:
+            scales = np.full(3, np.cbrt(volume))
+        if np.abs(scales - 1).max() <= SCALE_TOL:
             return np.ones(3)
-        return sizes
+        return scales
 
     def relative(self, prim: Usd.Prim, body: Usd.Prim) -> Array:
         """Return T_body_prim (4, 4) of a prim below a body, in units of the body, with scale.
@@ -262,11 +262,11 @@ class RawStage:
 
     def _joint(self, prim: Usd.Prim) -> RawJoint:
         joint = UsdPhysics.Joint(prim)
-        kind, free, token, problem = _freedom(prim)
-        turn = TURNS[token]
-        end0 = self._end(joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr(), turn)
-        end1 = self._end(joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr(), turn)
-        instance, limits = _coordinate(prim, kind, free)
+        kind, free, token, problem = _type_and_axis(prim)
+        R_joint_axis = TURN_OF_AXIS[token]
+        end0 = self._end(joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr(), R_joint_axis)
+        end1 = self._end(joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr(), R_joint_axis)
+        instance, limits = _instance_and_limits(prim, kind, free)
         unit = self.meters
         if kind == "revolute":
             unit = 1.0  # the stage has degrees, as the checks
@@ -283,7 +283,9 @@ class RawStage:
             problem,
         )
 
-    def _end(self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, turn: Array) -> JointSide:
+    def _end(
+        self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, R_joint_axis: Array
+    ) -> JointSide:
         targets = []
         if body:
             targets = body.GetForwardedTargets()
@@ -296,7 +298,7 @@ class RawStage:
                 R = gf.rotation(rotation.Get())
         except ValueError as error:
             return JointSide("", np.eye(4), f"{rotation.GetName()}: {error}")
-        R_turned = R @ turn
+        R_turned = R @ R_joint_axis
         if not targets:
             return JointSide("", spatial.pose(self.R_world_stage) @ spatial.pose(R_turned, p * self.meters))
         target = self.stage.GetPrimAtPath(targets[0])
@@ -304,13 +306,13 @@ class RawStage:
             listed = ", ".join(map(str, targets))
             return JointSide("", np.eye(4), f"{body.GetName()} points to {listed}, but must point to one prim")
         owner = self.owner(target)
-        T_target_joint = spatial.pose(R_turned, p * self.meters * self.size(target))
+        T_target_joint = spatial.pose(R_turned, p * self.meters * self.scale(target))
         if owner is None:  # a prim without a rigid body is fixed to the world
             return JointSide("", self.poses([target])[0, 0] @ T_target_joint)
         if owner == target:
             return JointSide(str(owner.GetPath()), T_target_joint)
         T_owner_target = rigid(self.relative(target, owner))
-        T_owner_target[:3, 3] *= self.meters * self.size(owner)
+        T_owner_target[:3, 3] *= self.meters * self.scale(owner)
         return JointSide(str(owner.GetPath()), T_owner_target @ T_target_joint)
 
 
@@ -339,26 +341,26 @@ def _open(path: Path) -> Usd.Stage:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise StageError(f"{path} is not a readable USD file: {said(error)}") from error
+        raise StageError(f"{path} is not a readable USD file: {first_reason(error)}") from error
     if not stage:
         raise StageError(f"{path} is not a readable USD file")
     stage.Reload()  # USD caches layers in memory, but the file may have changed
-    broken = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
-    if broken:
-        raise StageError(f"{path}: {said(broken[0])}")
+    composition_errors = [e for e in stage.GetCompositionErrors()]  # noqa: C416 - a C++ vector, not a list
+    if composition_errors:
+        raise StageError(f"{path}: {first_reason(composition_errors[0])}")
     return stage
 
 
-_REASON = re.compile(r"Error in '[^']*' at line \d+ in file \S+ : '(.*?)'\s*(?=Error in '|\Z)", re.DOTALL)
+_REASON_IN_ERROR = re.compile(r"Error in '[^']*' at line \d+ in file \S+ : '(.*?)'\s*(?=Error in '|\Z)", re.DOTALL)
 
 
-def said(error: object) -> str:
+def first_reason(error: object) -> str:
     """Return the first reason in an error of USD, without source code lines; a fixed text if the error is not UTF-8."""
     try:
         text = str(error).strip()
     except UnicodeDecodeError:
         return "the file contains text that is not UTF-8"
-    reasons = _REASON.findall(text)
+    reasons = _REASON_IN_ERROR.findall(text)
     if reasons:
         reason = " ".join(reasons[0].split())
         return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", reason)
@@ -368,20 +370,21 @@ def said(error: object) -> str:
     return lines[-1].strip()
 
 
-def _ancestry(prim: Usd.Prim):
+def _with_ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield a prim and its ancestors, from the prim outwards, without the pseudo-root."""
     while prim and not prim.IsPseudoRoot():
         yield prim
         prim = prim.GetParent()
 
 
-def _freedom(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
+def _type_and_axis(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
     """Return (type, free directions as authored, axis token, problem) of a joint prim."""
     for schema, kind in _SCHEMA_KINDS:
         if prim.IsA(schema):
             token = "Z"
             if kind != "fixed":
                 token = str(schema(prim).GetAxisAttr().Get())
-            if token not in TURNS:
+            if token not in TURN_OF_AXIS:
                 return "", frozenset(), "Z", f"axis '{token}' is not X, Y or Z"
             return kind, frozenset(FREE_AXES[kind]), token, ""
     if prim.GetTypeName() != "PhysicsJoint":
@@ -413,7 +416,7 @@ def _free_axes(prim: Usd.Prim) -> list[int]:
     return free
 
 
-def _coordinate(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:
+def _instance_and_limits(prim: Usd.Prim, kind: str, free: frozenset[int]) -> tuple[str, tuple[float, float] | None]:
     """Return (instance name of drive and state, limits) of a joint with one coordinate."""
     if kind not in ("revolute", "prismatic"):
         return "", None

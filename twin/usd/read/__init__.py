@@ -2,7 +2,7 @@
 
     bodies      meshes, colours, masses, named frames and points
     joints      joints, limits, drives, the base
-    motors      actuators and transmissions of a stage that twin wrote
+    twin_data   what only twin writes: trocars, couplings, motors, postures, parameters
     tool        choice of the tool, if the stage does not name one
 
 This package does not import the writer. Like other readers, it uses the joint frames of UsdPhysics, which are in single
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
@@ -22,16 +21,23 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, StageError
 from twin.core.findings import Finding, info
 from twin.core.identifiers import identifier, unique
-from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame, Point
 from twin.model.joint import Joint
-from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
-from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes, shows_all
+from twin.model.mechanism import EARTH, WORLD, Mechanism
+from twin.usd.read.bodies import (
+    bake_scale,
+    below,
+    original_name,
+    read_frames_and_points,
+    read_inertia,
+    read_meshes,
+    shows_all,
+)
 from twin.usd.read.joints import Selection, convert, select
-from twin.usd.read.motors import read_motors, sorted_rows
 from twin.usd.read.tool import with_tool
-from twin.usd.scan import RawStage, said
+from twin.usd.read.twin_data import TwinData, read_twin_data
+from twin.usd.scan import RawStage, first_reason
 
 __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
 
@@ -81,7 +87,7 @@ def inspect_stage(path: str | Path, root: str | None = None) -> tuple[Mechanism,
     try:
         return _inspect(scene, root)
     except Tf.ErrorException as error:  # for example a path outside the allowed folders
-        raise StageError(f"{scene.path}: {said(error)}") from error
+        raise StageError(f"{scene.path}: {first_reason(error)}") from error
 
 
 def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
@@ -137,14 +143,15 @@ def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding
         meshes = read_meshes(scene, prim, mesh_names, notes)
         inertia = read_inertia(scene, prim, notes)
         bodies.append(Body(name, meshes, inertia, shows_all(scene, prim)))
-        for kind, mark_name, T in read_marks(scene, prim):
+        for kind, given_name, T in read_frames_and_points(scene, prim):
             if kind == "frame":
-                frames.append(Frame(mark_name, name, T))
+                frames.append(Frame(given_name, name, T))
             else:
-                points.append(Point(mark_name, name, T[:3, 3]))
+                points.append(Point(given_name, name, T[:3, 3]))
     T_world_base = T_world_body.get(base, np.eye(4))
-    authored = _authored(scene, selection)
-    joints = _joints(scene, selection, base, names, joint_names, T_world_body, authored, notes)
+    robot = prims[0].GetParent()
+    twin_data = read_twin_data(scene, robot)
+    joints = _joints(scene, selection, base, names, joint_names, T_world_body, twin_data, notes)
     try:
         mechanism = Mechanism(
             name=identifier(_robot_name(scene, selection, root)),
@@ -154,9 +161,15 @@ def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding
             frames=tuple(frames),
             points=tuple(points),
             rest=_rest(names, T_world_body, T_world_base),
-            gravity=_gravity(scene, prims[0].GetParent()),
+            gravity=_gravity(scene, robot),
             source=scene.path,
-            **authored,
+            tool=twin_data.tool,
+            trocars=twin_data.trocars,
+            couplings=twin_data.couplings,
+            actuators=twin_data.actuators,
+            transmissions=twin_data.transmissions,
+            postures=twin_data.postures,
+            parameters=twin_data.parameters,
         )
     except MechanismError as error:
         raise StageError(f"{scene.path}: {error}") from error
@@ -202,7 +215,7 @@ def _joints(
     names: dict[str, str],
     joint_names: dict[str, str],
     T_world_body: dict[str, Array],
-    authored: dict[str, Any],
+    twin_data: TwinData,
     notes: list[Finding],
 ) -> tuple[Joint, ...]:
     """Return the joints, first the one between an added body "world" and the first body of the stage."""
@@ -214,14 +227,14 @@ def _joints(
             mount = replace(mount, type="free")
         joints.append(mount)
     geared: set[str] = set()
-    for transmission in authored["transmissions"]:
+    for transmission in twin_data.transmissions:
         geared.update(transmission.joints)
     T_world_base = T_world_body.get(base, np.eye(4))
     for raw in chosen.joints:
         joint = convert(scene, raw, joint_names[raw.path], names, base, T_world_base, notes)
         if joint.name in geared:
             joint = replace(joint, drive=None)  # the drive is equivalent to the joint's motors
-        if mounted and joint.name in authored["trocars"]:  # a trocar is a joint of the base
+        if mounted and joint.name in twin_data.trocars:  # a trocar is a joint of the base
             T_world_joint = T_world_body[chosen.base] @ joint.T_parent_joint
             joint = replace(joint, parent=names[""], T_parent_joint=T_world_joint)
         joints.append(joint)
@@ -352,57 +365,3 @@ def _robot_name(scene: RawStage, chosen: Selection, root: str | None) -> str:
     if default:
         return default.GetName()
     return chosen.bodies[0].split("/")[1]
-
-
-def _authored(scene: RawStage, chosen: Selection) -> dict[str, Any]:
-    """Return the fields of `Mechanism` that only twin writes; empty fields for a stage from other software."""
-    robot = scene.bodies[chosen.bodies[0]].GetParent()
-    actuators, transmissions = read_motors(scene, robot)
-    tool = robot.GetAttribute("twin:tool").Get()
-    return {
-        "tool": str(tool) if tool else "tool",
-        "trocars": _trocars(robot),
-        "couplings": _couplings(robot),
-        "actuators": actuators,
-        "transmissions": transmissions,
-        "postures": _postures(robot),
-        "parameters": _parameters(robot),
-    }
-
-
-def _trocars(robot: Usd.Prim) -> tuple[str, ...]:
-    """Return the names of the trocars; a robot with one trocar has its name in an attribute of its own."""
-    several = robot.GetAttribute("twin:trocars").Get()
-    if several:
-        return tuple(map(str, several))
-    single = robot.GetAttribute("twin:trocar").Get()
-    if single:
-        return (str(single),)
-    return ()
-
-
-def _couplings(robot: Usd.Prim) -> tuple[Coupling, ...]:
-    couplings: list[Coupling] = []
-    for name, row in sorted_rows(robot.GetCustomDataByKey("twin:couplings")):
-        ratios = row["ratios"]
-        values = tuple(map(float, ratios.values()))
-        couplings.append(Coupling(name, tuple(ratios), values, float(row["total"])))
-    return tuple(couplings)
-
-
-def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
-    postures: dict[str, dict[str, float]] = {}
-    stored = robot.GetCustomDataByKey("twin:postures") or {}
-    for name, coordinates in stored.items():
-        postures[name] = {}
-        for joint, q in coordinates.items():
-            postures[name][joint] = float(q)
-    return postures
-
-
-def _parameters(robot: Usd.Prim) -> tuple[Parameter, ...]:
-    parameters: list[Parameter] = []
-    for name, row in sorted_rows(robot.GetCustomDataByKey("twin:parameters")):
-        parameter = Parameter(name, row["value"], row["unit"], row["shown"], row["provenance"], row["note"])
-        parameters.append(parameter)
-    return tuple(parameters)

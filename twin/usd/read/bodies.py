@@ -37,19 +37,19 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     if UsdGeom.Xformable(body.GetParent()):
         parent_axes = scene.raw_transform(body.GetParent())[:3, :3]
     parent_size = np.full(3, np.cbrt(np.linalg.det(parent_axes)))
-    size = scene.size(body)
+    size = scene.scale(body)
     handedness = np.linalg.det(axes)  # negative if mirrored
     if handedness > 0 and _is_scaled_rotation(axes, size) and _is_scaled_rotation(parent_axes, parent_size):
         if np.any(size != 1.0):
             where = str(body.GetPath())
-            factor = _listed(size)
+            factor = _vector_text(size)
             if np.ptp(size) == 0:
                 factor = f"{size[0]:.6g}"
             text = f"{where} is scaled by {factor} (including parents): lengths are read at the scaled size"
             notes.append(info("stage.read.scaled", where, text))
         return
-    prim, scale = _culprit(body)
-    factor = _listed(scale)
+    prim, scale = _unevenly_scaled_prim(body)
+    factor = _vector_text(scale)
     if handedness < 0:
         factor += ", mirrored"
     reason = ""
@@ -68,12 +68,12 @@ def _is_scaled_rotation(axes: Array, size: Array) -> bool:
     return bool(np.abs(difference).max() <= 2 * SCALE_TOL * size.max() ** 2)
 
 
-def _listed(scale: Array) -> str:
+def _vector_text(scale: Array) -> str:
     numbers = ", ".join(map("{:.6g}".format, scale))
     return f"({numbers})"
 
 
-def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
+def _unevenly_scaled_prim(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
     """Return (prim, scale (3,)) of the body that is mirrored or sheared, or of its ancestor with an uneven scale."""
     prim = body
     while prim and not prim.IsPseudoRoot():
@@ -207,16 +207,16 @@ def _mesh(scene: RawStage, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mes
         triangles = triangles[:, ::-1].copy()
     if not np.array_equal(M, np.eye(4)):
         points = points @ M[:3, :3].T + M[:3, 3]
-    vertices = points * scene.meters * scene.size(body)
-    color_rgba, finish = _look(mesh)
+    vertices = points * scene.meters * scene.scale(body)
+    color_rgba, finish = _color_and_finish(mesh)
     return Mesh(name, vertices, triangles, color_rgba, finish)
 
 
-def _look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
+def _color_and_finish(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
     """Return (linear colour, finish) of the bound preview surface, else the display colour, else grey."""
-    look = _surface_look(mesh)
-    if look is not None:
-        return look
+    color_and_finish = _surface_color_and_finish(mesh)
+    if color_and_finish is not None:
+        return color_and_finish
     display_color = mesh.GetDisplayColorAttr().Get()
     if display_color:
         r, g, b = map(float, display_color[0])
@@ -228,7 +228,7 @@ def _look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish
     return _GREY, Finish()
 
 
-def _surface_look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish] | None:
+def _surface_color_and_finish(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish] | None:
     """Return (linear colour, finish) of the bound preview surface; None if there is none with a colour of its own."""
     material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
     if not material:
@@ -283,16 +283,16 @@ def read_inertia(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> Inert
         except ValueError as error:
             raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
-    p_body_com = center * scene.meters * scene.size(body)
+    p_body_com = center * scene.meters * scene.scale(body)
     I_com = R @ np.diag(diagonal) @ R.T * unit
     return Inertia(float(kilograms) * scene.kilograms, p_body_com, I_com)
 
 
-def read_marks(scene: RawStage, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
-    """Yield (kind, name, T_body_mark (4, 4) in m) for each named frame and named point of a body."""
+def read_frames_and_points(scene: RawStage, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:
+    """Yield (kind, name, T_body_frame (4, 4) in m) for each named frame and named point of a body."""
     for prim in below(scene, body):
         kind = prim.GetAttribute("twin:kind")
         if kind and kind.Get() in ("frame", "point"):
             T = rigid(scene.relative(prim, body))
-            T[:3, 3] *= scene.meters * scene.size(body)
+            T[:3, 3] *= scene.meters * scene.scale(body)
             yield str(kind.Get()), original_name(prim), T

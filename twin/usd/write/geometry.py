@@ -9,14 +9,11 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from twin.core.spatial import Array
-from twin.core.units import DEG
 from twin.model.body import Frame, Material, Mesh
 from twin.model.mechanism import Mechanism, Point
 from twin.usd import gf
-from twin.usd.write.layers import Leaves, describe, new_layer, save
-
-CREASE = 30 * DEG
-"""Angle in rad between two faces, below which their normals are averaged: bores look smooth, edges stay visible."""
+from twin.usd.write.corner_normals import corner_normals
+from twin.usd.write.layers import LeafNames, describe, new_layer, save
 
 _NORMAL_DIGITS = 4
 """Decimals to which normals are rounded before equal ones become one; the error of 0.005 degrees is not seen."""
@@ -27,7 +24,7 @@ RESERVED = {"joints", "materials"}
 
 def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
     """Return the prim path of every mesh, by mesh name."""
-    return _named_meshes(mechanism, _leaves(mechanism))
+    return _paths_of_meshes(mechanism, _free_leaf_names(mechanism))
 
 
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
@@ -49,8 +46,8 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
         # rotations below 3e-4 rad are lost (measured, usd-core 26.11).
         xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
     materials: dict[str, UsdShade.Material] = {}
-    leaves = _leaves(mechanism)
-    paths = _named_meshes(mechanism, leaves)
+    leaf_names = _free_leaf_names(mechanism)
+    paths = _paths_of_meshes(mechanism, leaf_names)
     for body in mechanism.bodies:
         for mesh in body.meshes:
             prim = _write_mesh(stage, paths[mesh.name], mesh).GetPrim()
@@ -60,26 +57,26 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
                 place = f"/{mechanism.name}/materials/{material.name}"
                 materials[material.name] = _write_material(stage, place, material)
             UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[material.name])
-    _write_marks(stage, mechanism, leaves)
+    _write_frames_and_points(stage, mechanism, leaf_names)
     return save(layer, path)
 
 
-def _leaves(mechanism: Mechanism) -> Leaves:
+def _free_leaf_names(mechanism: Mechanism) -> LeafNames:
     """Return the leaf names that are still free, beside those of the robot, its scopes, bodies and joints."""
     used_names = {mechanism.name, *RESERVED}
     for body in mechanism.bodies:
         used_names.add(body.name)
     for joint in mechanism.joints:
         used_names.add(joint.name)
-    return Leaves(used_names)
+    return LeafNames(used_names)
 
 
-def _named_meshes(mechanism: Mechanism, leaves: Leaves) -> dict[str, str]:
-    """Return the prim path of every mesh, by mesh name; their leaf names are taken from `leaves`."""
+def _paths_of_meshes(mechanism: Mechanism, leaf_names: LeafNames) -> dict[str, str]:
+    """Return the prim path of every mesh, by mesh name; their leaf names are taken from `leaf_names`."""
     paths: dict[str, str] = {}
     for body in mechanism.bodies:
         for mesh in body.meshes:
-            paths[mesh.name] = f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
+            paths[mesh.name] = f"/{mechanism.name}/{body.name}/{leaf_names.take(mesh.name, 'mesh')}"
     return paths
 
 
@@ -91,6 +88,7 @@ def _store_name(prim: Usd.Prim, name: str) -> None:
 
 
 def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
+    """Write points in single precision, triangles, extent, indexed normals, and the display colour of a mesh."""
     usd_mesh = UsdGeom.Mesh.Define(stage, path)
     points = gf.vec3f_array(mesh.vertices)
     usd_mesh.CreatePointsAttr(points)
@@ -113,57 +111,8 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
     return usd_mesh
 
 
-def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
-    """Return unit normals (3 m, 3), one per triangle corner, averaged over faces that meet at angles below `crease`.
-
-    Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
-    are in rad. A GLB has the same normals as the stage.
-    """
-    triangles = np.asarray(triangles)
-    corners = triangles.ravel()
-    vertices = np.asarray(vertices, float)
-    a = vertices[triangles[:, 0]]
-    b = vertices[triangles[:, 1]]
-    c = vertices[triangles[:, 2]]
-    areas = np.cross(b - a, c - a)
-    length = np.linalg.norm(areas, axis=1, keepdims=True)
-    x, y, z = (areas / np.where(length > 0, length, 1.0)).T
-    corner, mate = _corner_pairs(corners, len(vertices))
-    triangle = corner // 3
-    mate_triangle = mate // 3
-    cosine = x[triangle] * x[mate_triangle] + y[triangle] * y[mate_triangle] + z[triangle] * z[mate_triangle]
-    # a face without area is near to no other, but a corner counts for itself
-    is_near = (cosine >= np.cos(crease)) | (corner == mate)
-    corner = corner[is_near]
-    mate_triangle = mate_triangle[is_near]
-    # weighted by area, because the cross products are not normalised
-    total = np.zeros((len(corners), 3))
-    for axis in range(3):
-        total[:, axis] = np.bincount(corner, areas[mate_triangle, axis], len(corners))
-    size = np.linalg.norm(total, axis=1, keepdims=True)
-    # A triangle without area has no normal; the arbitrary direction z avoids NaN.
-    return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
-
-
-def _corner_pairs(corners: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return all ordered pairs (m,), (m,) of corners at one vertex, each corner also with itself.
-
-    `corners` (k,) are the vertices of the corners, which are numbered from 0. The pairs are formed without a loop:
-    each corner is repeated as often as its vertex has corners.
-    """
-    order = np.argsort(corners, kind="stable")
-    count = np.bincount(corners, minlength=vertex_count)
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])  # place in `order` of the first corner of each vertex
-    vertex_of = corners[order]
-    mates = count[vertex_of]
-    start = np.concatenate([[0], np.cumsum(mates)[:-1]])  # row of the first pair of each corner
-    corner = np.repeat(order, mates)
-    offset = np.repeat(first[vertex_of] - start, mates)
-    mate = order[offset + np.arange(len(corner))]
-    return corner, mate
-
-
 def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Material:
+    """Write a preview surface; the opacity only if it is below 1."""
     UsdGeom.Scope.Define(stage, Sdf.Path(path).GetParentPath())
     material = UsdShade.Material.Define(stage, path)
     color_rgba = look.color_rgba
@@ -179,27 +128,27 @@ def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Mat
     return material
 
 
-def _write_marks(stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves) -> None:
+def _write_frames_and_points(stage: Usd.Stage, mechanism: Mechanism, leaf_names: LeafNames) -> None:
     """Write named frames and points as guide prims below their body, in double precision.
 
-    Their names are taken from `leaves`, from which the meshes already have theirs.
+    Their names are taken from `leaf_names`, from which the meshes already have theirs.
     """
     for frame in mechanism.frames:
-        xform = _write_mark(stage, mechanism, leaves, frame, "frame", frame.T_body_frame[:3, 3])
+        xform = _write_guide(stage, mechanism, leaf_names, frame, "frame", frame.T_body_frame[:3, 3])
         orient = xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
         orient.Set(gf.quatd(frame.T_body_frame[:3, :3]))
     for point in mechanism.points:
-        _write_mark(stage, mechanism, leaves, point, "point", point.p_body)
+        _write_guide(stage, mechanism, leaf_names, point, "point", point.p_body)
 
 
-def _write_mark(
-    stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves, marked: Frame | Point, kind: str, p_body: Array
+def _write_guide(
+    stage: Usd.Stage, mechanism: Mechanism, leaf_names: LeafNames, named: Frame | Point, kind: str, p_body: Array
 ) -> UsdGeom.Xform:
-    leaf = leaves.take(marked.name, kind)
-    xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{marked.body}/{leaf}")
+    leaf = leaf_names.take(named.name, kind)
+    xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{named.body}/{leaf}")
     xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
     prim = xform.GetPrim()
-    _store_name(prim, marked.name)
+    _store_name(prim, named.name)
     prim.CreateAttribute("twin:kind", Sdf.ValueTypeNames.Token, True, Sdf.VariabilityUniform).Set(kind)
     translate = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
     translate.Set(gf.vec3d(p_body))

@@ -68,7 +68,7 @@ def root_layer(path: Path, name: str, sublayers: list[str], end_time_code: float
     return save(layer, path)
 
 
-class Leaves:
+class LeafNames:
     """Generator of unique leaf names for the prims of a robot.
 
     USD allows equal leaf names below different parents, but Blender renames one of the prims and Unity clips move the

@@ -91,7 +91,7 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
         for path, values in samples:
             layer.GetAttributeAtPath(path).default = values[0]
             if path.name.startswith("state:"):
-                _rest_for_newton(layer, path, values[0])
+                _write_newton_rest(layer, path, values[0])
     save(layer, layer_path)
     root = root_layer(
         folder / f"{mechanism.name}_{motion.name}.usda",
@@ -170,7 +170,7 @@ def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
         yield _attribute(layer, place, Sdf.ValueTypeNames.Float), (values / unit).tolist()
 
 
-def _rest_for_newton(layer: Sdf.Layer, state: Sdf.Path, position: float) -> None:
+def _write_newton_rest(layer: Sdf.Layer, state: Sdf.Path, position: float) -> None:
     """Write the position of a joint state, in the unit of UsdPhysics, where Newton reads it."""
     kind = state.name.split(":")[1]
     place = _attribute(layer, f"{state.GetPrimPath()}.newton:{kind}:position", Sdf.ValueTypeNames.Float)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
@@ -26,9 +25,9 @@ from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.model.mimic_joints import Following, following
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
-from twin.usd.scan import DIRECTIONS, TURNS
+from twin.usd.scan import DIRECTIONS, TURN_OF_AXIS
 from twin.usd.write.geometry import mesh_paths
-from twin.usd.write.layers import Leaves, describe, new_layer, save
+from twin.usd.write.layers import LeafNames, describe, new_layer, save
 from twin.usd.write.spanning import spanning
 
 SCHEMAS = {
@@ -48,23 +47,23 @@ Measured sag of the platform of SILS under its weight at 1 kHz: 6 um with the de
 0.4 um with 128.
 """
 
-TENDON = 0.25
+MAX_TENDON_RATIO = 0.25
 """Maximum of a tendon's stiffness * step^2 / inertia.
 
 An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
 arm (measured).
 """
 
-POSE_TOL = 1e-6
+RIGID_TOL = 1e-6
 """Tolerance of the rotation of a joint frame that is rigid but for rounding."""
 
-TENDON_STEP = 1e-3
+TENDON_TIME_STEP = 1e-3
 """Assumed time step in s of the simulator that integrates a tendon."""
 
 MIMIC_AXIS = "rotZ"
 """Instance name of mimic joints: PhysX requires a rotation axis, also for slides (with "transZ" a slide is free)."""
 
-CustomData = dict[str, dict[str, Any]]
+CustomData = dict[str, dict[str, object]]
 """Rows by name, as they stand in the customData of the robot's prim."""
 
 
@@ -120,7 +119,7 @@ def write_physics(
     else:
         _write_anchor(stage, mechanism, link_poses[mechanism.base])
     _write_joints(stage, mechanism, q_full, efforts)
-    mimics = _mimics(mechanism)
+    mimics = _mimic_joints(mechanism)
     for coupling in mechanism.couplings:
         if coupling.name in mimics:
             _write_mimic(stage, mechanism, mimics[coupling.name])
@@ -128,7 +127,7 @@ def write_physics(
             _write_tendon(stage, mechanism, coupling, link_poses)
     for joint in spanning(mechanism).tree:
         if joint.type == "spherical":
-            _start_at_zero(stage, mechanism, joint, link_poses)
+            _align_ball_frames(stage, mechanism, joint, link_poses)
     return save(layer, path)
 
 
@@ -189,10 +188,10 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
             postures[name][joint] = float(q)
     model = {
         "postures": postures,
-        "parameters": _numbered(_parameter_rows(mechanism)),
-        "couplings": _numbered(_coupling_rows(mechanism)),
-        "actuators": _numbered(_actuator_rows(mechanism)),
-        "transmissions": _numbered(_transmission_rows(mechanism)),
+        "parameters": _with_index(_parameter_rows(mechanism)),
+        "couplings": _with_index(_coupling_rows(mechanism)),
+        "actuators": _with_index(_actuator_rows(mechanism)),
+        "transmissions": _with_index(_transmission_rows(mechanism)),
     }
     for key, rows in model.items():
         if rows:
@@ -202,7 +201,7 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
 def _parameter_rows(mechanism: Mechanism) -> CustomData:
     rows: CustomData = {}
     for parameter in mechanism.parameters:
-        row = _fields(parameter)
+        row = _fields_with_values(parameter)
         row["value"] = float(parameter.value)
         row["shown"] = float(parameter.shown)
         rows[parameter.name] = row
@@ -220,7 +219,7 @@ def _coupling_rows(mechanism: Mechanism) -> CustomData:
 def _actuator_rows(mechanism: Mechanism) -> CustomData:
     rows: CustomData = {}
     for actuator in mechanism.actuators:
-        row = _fields(actuator)
+        row = _fields_with_values(actuator)
         if actuator.limits is not None:
             row["limits"] = Gf.Vec2d(*actuator.limits)
         rows[actuator.name] = row
@@ -238,14 +237,14 @@ def _transmission_rows(mechanism: Mechanism) -> CustomData:
     return rows
 
 
-def _numbered(rows: CustomData) -> CustomData:
+def _with_index(rows: CustomData) -> CustomData:
     """Return rows with their index: USD stores dictionaries by name, but the reader restores the order."""
     for index, row in enumerate(rows.values()):
         row["index"] = index
     return rows
 
 
-def _fields(item: Parameter | Actuator) -> dict[str, Any]:
+def _fields_with_values(item: Parameter | Actuator) -> dict[str, object]:
     """Return the fields of a parameter or an actuator that have a value; its name is the key of its row."""
     fields = {}
     for field, value in vars(item).items():
@@ -292,7 +291,7 @@ def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -
     another pose, the anchor moves with the root prim. A joint with an empty target would not move with the robot.
     """
     joint_names = {joint.name for joint in mechanism.joints}
-    name = Leaves(joint_names).take("root_joint", "world")
+    name = LeafNames(joint_names).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
     joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}"])
     joint.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{mechanism.base}"])
@@ -310,7 +309,7 @@ def _write_frames(joint: UsdPhysics.Joint, T_body0_joint: Array, T_body1_joint: 
 def _write_joint(
     stage: Usd.Stage, mechanism: Mechanism, joint: Joint, closes_loop: bool, q: float | None, effort: float
 ) -> None:
-    _refuse_what_is_lost(joint)
+    _refuse_unstorable(joint)
     usd_joint = SCHEMAS[joint.type].Define(stage, f"/{mechanism.name}/joints/{joint.name}")
     prim = usd_joint.GetPrim()
     usd_joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}/{joint.parent}"])
@@ -355,7 +354,7 @@ def _write_state(prim: Usd.Prim, joint: Joint, position: float) -> None:
     _attribute(prim, f"newton:{kind}:position", Sdf.ValueTypeNames.Float, position)
 
 
-def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
+def _align_ball_frames(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> None:
     """Rotate the child frame of a ball joint in the tree so that both joint frames coincide at the written poses.
 
     Simulators start the ball joints of an articulation at zero and ignore their joint states (in PhysX, SILS started
@@ -365,13 +364,13 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
     """
     usd_joint = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
     prim = usd_joint.GetPrim()
-    R_parent_joint = joint.T_parent_joint[:3, :3] @ TURNS["X"].T
+    R_parent_joint = joint.T_parent_joint[:3, :3] @ TURN_OF_AXIS["X"].T
     R_child_parent = link_poses[joint.child][:3, :3].T @ link_poses[joint.parent][:3, :3]
     R_child_joint = R_child_parent @ R_parent_joint
     usd_joint.GetAxisAttr().Set(UsdPhysics.Tokens.x)
     usd_joint.GetLocalRot0Attr().Set(gf.quatf(R_parent_joint))
     usd_joint.GetLocalRot1Attr().Set(gf.quatf(R_child_joint))
-    turn = (R_child_joint @ TURNS["X"]).T @ joint.T_child_joint[:3, :3]
+    turn = (R_child_joint @ TURN_OF_AXIS["X"]).T @ joint.T_child_joint[:3, :3]
     _attribute(prim, "twin:childTurn", Sdf.ValueTypeNames.Quatd, gf.quatd(turn))
     if joint.cone is not None:
         for limit in (usd_joint.GetConeAngle0LimitAttr(), usd_joint.GetConeAngle1LimitAttr()):
@@ -379,7 +378,7 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
         _attribute(prim, "twin:cone", Sdf.ValueTypeNames.Double, float(joint.cone))
 
 
-def _mimics(mechanism: Mechanism) -> dict[str, Following]:
+def _mimic_joints(mechanism: Mechanism) -> dict[str, Following]:
     """Return {coupling: its leader and follower} for the couplings that a mimic joint can express.
 
     PhysX and Newton accept only joints of the articulation as mimic joints, and PhysX requires limits on hinges. The
@@ -396,16 +395,16 @@ def _mimics(mechanism: Mechanism) -> dict[str, Following]:
     return mimics
 
 
-def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, follows: Following) -> None:
+def _write_mimic(stage: Usd.Stage, mechanism: Mechanism, following_joint: Following) -> None:
     """Write a joint that follows another: joint + gearing * leader = 0. PhysX solves this exactly at any time step."""
     joints = f"/{mechanism.name}/joints"
-    prim = stage.GetPrimAtPath(f"{joints}/{follows.joint}")
+    prim = stage.GetPrimAtPath(f"{joints}/{following_joint.joint}")
     prim.AddAppliedSchema(f"PhysxMimicJointAPI:{MIMIC_AXIS}")
     place = f"physxMimicJoint:{MIMIC_AXIS}"
-    prim.CreateRelationship(f"{place}:referenceJoint", False).SetTargets([f"{joints}/{follows.leader}"])
+    prim.CreateRelationship(f"{place}:referenceJoint", False).SetTargets([f"{joints}/{following_joint.leader}"])
     axis = prim.CreateAttribute(f"{place}:referenceJointAxis", Sdf.ValueTypeNames.Token, False, Sdf.VariabilityUniform)
     axis.Set(MIMIC_AXIS)
-    _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.Float, -follows.multiplier)
+    _attribute(prim, f"{place}:gearing", Sdf.ValueTypeNames.Float, -following_joint.multiplier)
 
 
 def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, link_poses: Mapping[str, Array]) -> None:
@@ -425,9 +424,9 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
     joints = [joint for joint in spanning(mechanism).tree if joint.name in ratios]
     for joint in joints:
         # inertia of the joint as the tendon feels it
-        inertia = _carried(mechanism, joint, link_poses) / ratios[joint.name] ** 2
+        inertia = _inertia_beyond(mechanism, joint, link_poses) / ratios[joint.name] ** 2
         if inertia > 0:
-            stiffness = min(stiffness, TENDON * inertia / TENDON_STEP**2)
+            stiffness = min(stiffness, MAX_TENDON_RATIO * inertia / TENDON_TIME_STEP**2)
     if not np.isfinite(stiffness):  # no joint has a drive, and all of them are in loops
         stiffness = 1.0
     place = f"physxTendon:{coupling.name}"
@@ -445,7 +444,7 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
         _attribute(prim, f"{place}:restLength", Sdf.ValueTypeNames.Float, to_usd(joint, coupling.total))
 
 
-def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
+def _inertia_beyond(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]) -> float:
     """Return the inertia in kg or kg m2 of all bodies beyond a joint with one coordinate.
 
     The result is infinite if the joint is part of a loop, because bodies outside the joint's branch then also move.
@@ -459,13 +458,13 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
         if (closure.parent in branch) != (closure.child in branch):
             return np.inf
     T_world_joint = link_poses[joint.parent] @ joint.T_parent_joint
-    carried = 0.0
+    inertia_beyond = 0.0
     for name in sorted(branch):
         inertia = mechanism.body(name).inertia
         if inertia is None:
             continue
         if not joint.is_angle:
-            carried += float(inertia.mass)
+            inertia_beyond += float(inertia.mass)
             continue
         R = link_poses[name][:3, :3]
         p = link_poses[name][:3, 3]
@@ -474,8 +473,8 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
         arm = inertia.p_body_com - R.T @ (T_world_joint[:3, 3] - p)
         about_center = axis @ inertia.I_com @ axis
         squared_distance = arm @ arm - (arm @ axis) ** 2
-        carried += float(about_center + inertia.mass * squared_distance)  # parallel axes
-    return carried
+        inertia_beyond += float(about_center + inertia.mass * squared_distance)  # parallel axes
+    return inertia_beyond
 
 
 def _write_actuation(prim: Usd.Prim, joint: Joint, q: float | None, effort: float) -> None:
@@ -521,7 +520,7 @@ def _write_drive(prim: Usd.Prim, joint: Joint, gains: Drive, q: float | None, ef
     drive.CreateTargetPositionAttr(to_usd(joint, target))
 
 
-def _refuse_what_is_lost(joint: Joint) -> None:
+def _refuse_unstorable(joint: Joint) -> None:
     """Raise `StageError` for data that UsdPhysics cannot hold; otherwise the data would be lost unnoticed."""
     scalar = {
         "limits": joint.limits,
@@ -544,5 +543,5 @@ def _refuse_what_is_lost(joint: Joint) -> None:
             "type. Only joints with one coordinate can have limits, and only spherical joints can have cones."
         )
     for T in (joint.T_parent_joint, joint.T_child_joint):
-        if not spatial.is_pose(T, POSE_TOL):
+        if not spatial.is_pose(T, RIGID_TOL):
             raise StageError(f"joint '{joint.name}': a joint frame is not a rigid pose")

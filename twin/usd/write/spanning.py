@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from twin.model.joint import Joint, reversed_joint
 from twin.model.mechanism import Mechanism
 
-_KEPT = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
+_TREE_PRIORITY = {"fixed": 0, "prismatic": 1, "cylindrical": 1, "free": 1, "revolute": 2, "spherical": 3}
 """Priority of joint types for the tree; joints with a lower number are chosen first.
 
 Ball joints have the highest number. As a loop closure, a ball joint is three position constraints, which are exact in
@@ -67,7 +67,7 @@ def _by_priority(mechanism: Mechanism) -> list[Joint]:
         # Engines with reduced coordinates have those of the tree alone, and drives and couplings act on coordinates.
         if joint.name in needed:
             return -1
-        return _KEPT[joint.type]
+        return _TREE_PRIORITY[joint.type]
 
     # `sorted` is stable: joints of one priority stay in the order of the file.
     return sorted(mechanism.joints, key=priority)
