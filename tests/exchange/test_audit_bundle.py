@@ -15,7 +15,8 @@ import twin.exchange.audit
 from made import bundle as base
 from twin.core.version import __version__
 from twin.exchange.audit import audit
-from twin.exchange.audit.file_comparison import Reference, _check_missing, _check_silent
+from twin.exchange.audit.clip_comparison import _report_files_without_motion, _report_missing_clips
+from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof_hashes import check_proof
@@ -426,12 +427,12 @@ def test_drawn_states_are_no_motion_that_files_lack():
     ref = Reference(swing, "the tracks")
     playing = Content(Ledger("bars.glb"), "glb", [swing], declared=("bar",))
     silent = Content(Ledger("still.glb"), "glb", declared=("bar",))
-    _check_missing([playing], {"swing": ref, CLIP: ref})
-    _check_silent([silent], {CLIP: ref})
+    _report_missing_clips([playing], {"swing": ref, CLIP: ref})
+    _report_files_without_motion([silent], {CLIP: ref})
     assert not playing.ledger.found
     assert not silent.ledger.found
-    _check_missing([playing], {"swing": ref, "another": ref})
-    _check_silent([silent], {"another": ref})
+    _report_missing_clips([playing], {"swing": ref, "another": ref})
+    _report_files_without_motion([silent], {"another": ref})
     assert [f.code for f in playing.ledger.found] == ["compare.missing_clip"]
     assert [f.code for f in silent.ledger.found] == ["compare.no_motion"]
 

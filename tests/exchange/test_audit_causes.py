@@ -14,7 +14,8 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 from made import bundle as base
 from twin.core.findings import Finding
 from twin.exchange.audit import audit
-from twin.exchange.audit.file_comparison import Reference, compare_clips
+from twin.exchange.audit.clip_comparison import compare_clips
+from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms

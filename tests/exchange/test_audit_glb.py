@@ -380,7 +380,8 @@ def test_samplers_between_their_keys(tmp_path):
     ],
 )
 def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, turn, said):
-    from twin.exchange.audit.file_comparison import Reference, compare_clips
+    from twin.exchange.audit.clip_comparison import compare_clips
+    from twin.exchange.audit.clip_references import Reference
     from twin.exchange.audit.file_content import Content, FileClip
     from twin.exchange.audit.report import Ledger
 

@@ -12,11 +12,13 @@ xml_root, comment_statements    what XML files have in common
 new_names             rename links and joints where a file has other names than the robot; named_parts: all names
 
 One file:
+clip_checks           times, rates, quaternions and poses of clips by themselves
 plausibility          find physically impossible data
 interpolation_error   estimate the error between keys
 
 Files with each other and with the mechanism:
-file_comparison       the pose of every link at every key
+clip_comparison       the pose of every link at every key; clip_references: of which clip; pose_deviation: how far apart
+file_comparison       poses at rest, shapes, hashes of the model
 mechanism_comparison  joints, drives, masses, frames, surfaces, colours; mechanism_truth: those of the robot
 stated_values         the values of these quantities in each file, of file_view; reduced_couplings: of couplings
 reference_joints      which joint of a file, or part of one, is which joint of the others
@@ -55,21 +57,16 @@ from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonMapping
 from twin.core.progress import Progress
-from twin.exchange.audit.file_comparison import (
-    Reference,
-    compare_clips,
-    compare_hashes,
-    compare_rest,
-    compare_shapes,
-    first_pose_of,
-    references,
-)
-from twin.exchange.audit.file_content import Content, check_names
+from twin.exchange.audit.clip_comparison import compare_clips
+from twin.exchange.audit.clip_references import Reference, references
+from twin.exchange.audit.file_comparison import compare_hashes, compare_rest, compare_shapes, first_pose_of
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import compare_stated
 from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.mechanism_truth import mechanism_truth
+from twin.exchange.audit.named_parts import check_names
 from twin.exchange.audit.parameter_claims import compare_parameters
 from twin.exchange.audit.plausibility import check_sense
 from twin.exchange.audit.proof_hashes import check_proof

@@ -15,6 +15,7 @@ from twin.exchange.audit.file_joints import ONE_COORDINATE, FileJoint
 from twin.exchange.audit.joint_assignment import base_link, rigid_parts, single_joints
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
+from twin.exchange.audit.pose_deviation import or_infinite
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, quantity
 from twin.exchange.audit.sampled_states import SampledStates
@@ -146,13 +147,6 @@ def pair_differences(
             )
         )
     return pairs
-
-
-def or_infinite(difference: float) -> float:
-    """Return a difference; infinity for NaN, which no limit would find too large."""
-    if np.isnan(difference):
-        return np.inf
-    return float(difference)
 
 
 def _degrees(cosine: float) -> float:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import largest
+from twin.exchange.audit.pose_deviation import pose_deviation
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
@@ -84,7 +84,7 @@ def _tested_keys(file_poses: Mapping[str, Array], expected_poses: Mapping[str, A
     last = len(file_poses[names[0]]) - 1
     keys = set(np.linspace(0, last, _EVEN_KEYS).astype(int).tolist())
     for name in names:  # because only one key may be wrong
-        difference = largest(file_poses[name], expected_poses[name])
+        difference = pose_deviation(file_poses[name], expected_poses[name])
         keys |= {difference.distance_key, difference.angle_key}
     return np.array(sorted(keys))
 

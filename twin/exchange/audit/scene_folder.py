@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from twin.core.foreign.budget import check_size
+from twin.exchange.audit.clip_references import references
 from twin.exchange.audit.deformables import audit_deformables
-from twin.exchange.audit.file_comparison import references
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.folder_files import SCENE
 from twin.exchange.audit.poses import Array

@@ -15,10 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import Content, largest
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.joint_assignment import base_link, joint_assignments
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, JointPair, joint_values, pair_differences, place_links
 from twin.exchange.audit.mechanism_data import FileMechanism
+from twin.exchange.audit.pose_deviation import pose_deviation
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, um
 from twin.exchange.audit.sampled_states import SampledStates
@@ -139,7 +140,7 @@ def _bodies_of_links(links: Mapping[str, Array], truth: FileMechanism, states: S
     for body in truth.links:
         expected = from_base @ states.links[body]
         for link, T in links.items():
-            difference = largest(np.broadcast_to(T, expected.shape), expected)
+            difference = pose_deviation(np.broadcast_to(T, expected.shape), expected)
             same = difference.distance <= POSITION_TOL and difference.angle <= ROTATION_TOL
             if same and link not in bodies:
                 bodies[link] = body

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import Content, check_poses
+from twin.exchange.audit.clip_checks import check_poses
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism

@@ -9,7 +9,8 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import FileClip, check_quaternions, check_times
+from twin.exchange.audit.clip_checks import check_quaternions, check_times
+from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index
@@ -259,7 +260,7 @@ class _ChannelReader:
             outgoing = values[2::3]
             values = values[1::3]
         if self.path == "rotation":
-            check_quaternions(ledger, values, times, self.label, "gltf", mode != "STEP", shorter=True)
+            check_quaternions(ledger, values, times, self.label, "gltf", mode != "STEP", takes_shorter=True)
         if self.path == "scale" and np.ptp(values, axis=0).max() > _SCALED and self._is_link():
             text = f"clip '{self.clip}' changes the scale of link '{self.label}': links are rigid."
             ledger.wrong("gltf.scale", text, self.label)

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import UNIT_TOL
+from twin.exchange.audit.clip_checks import UNIT_LENGTH_TOL
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf
@@ -94,7 +94,7 @@ def read_nodes(file: Gltf) -> list[Node]:
         node = _node(index, spec, parents[index], _is_copy_of_ancestor(specs, parents, index))
         nodes.append(node)
         length = float(np.linalg.norm(node.rotation))
-        if abs(length - 1) > UNIT_TOL:
+        if abs(length - 1) > UNIT_LENGTH_TOL:
             text = f"the rotation quaternion of node '{node.label}' has length {length:.6g}, not 1."
             file.ledger.wrong("gltf.quaternion", text, node.label, size=Measured(length, 1.0))
     return nodes

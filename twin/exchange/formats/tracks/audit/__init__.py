@@ -19,7 +19,8 @@ import numpy as np
 from twin.core.foreign.admit import admit
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_content import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.clip_checks import check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT

@@ -24,7 +24,8 @@ from pxr import Tf, Usd, UsdGeom, UsdPhysics
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.file_content import Content, FileClip, check_poses
+from twin.exchange.audit.clip_checks import check_poses
+from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.parameter_claims import PARAMETERS
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
