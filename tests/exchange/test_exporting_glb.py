@@ -18,7 +18,7 @@ from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.usd.write.corner_normals import corner_normals
+from twin.usd.write.geometry import corner_normals
 
 C = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Z up to y up."""

@@ -21,7 +21,7 @@ from twin.model.joint import Joint
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.read import inspect_stage, read_motion, read_stage
 from twin.usd.write import BakedMotion, write_motion, write_stage
-from twin.usd.write.corner_normals import corner_normals
+from twin.usd.write.geometry import corner_normals
 from twin.usd.write.spanning import spanning
 
 FRAME_TOL = 6e-8

@@ -2,7 +2,6 @@
 
     layers           metadata of every layer, unique leaf names
     geometry         geometry.usdc: rest poses, meshes, materials, named frames and points
-    corner_normals   normals of meshes, averaged over smooth surfaces
     physics_layer    physics.usda: masses, colliders, joints, drives, joint states
     spanning         which joints form the tree, and which close loops
     motion_layer     motion/<protocol>.usdc and the root layer that plays it

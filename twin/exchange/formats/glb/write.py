@@ -26,7 +26,7 @@ from twin.exchange.write.player_interpolation import quaternions_xyzw
 from twin.model.body import Body, Material
 from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism
-from twin.usd.write.corner_normals import corner_normals
+from twin.usd.write.geometry import corner_normals
 
 UP_XYZW = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Rotation of the root node as a quaternion: -90 degrees about x, from z up to y up."""
