@@ -198,7 +198,7 @@ def test_meshes_of_found_packages_are_read(tmp_path):
 
 
 def test_no_code_refuses_the_expressions(two_arms, monkeypatch, caplog, tmp_path, capsys):
-    monkeypatch.setattr(consent, "_said", set())
+    monkeypatch.setattr(consent, "_announced_files", set())
     caplog.set_level("INFO")
     read(two_arms)
     assert f"running the Python expressions of the xacro in {two_arms}" in caplog.text

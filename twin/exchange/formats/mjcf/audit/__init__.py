@@ -2,9 +2,10 @@
 
 MuJoCo reads the file, as a specification that can be searched, and as a compiled model.
 
-shapes, mechanism, declared_fields    what the file contains, in the form of all formats
-track_poses     the poses of its bodies along a track
-model_checks, claims    faults that one file shows by itself
+shapes, mechanism, drives, equalities, declared_fields    what the file contains, in the form of all formats
+track_poses, loop_gaps    the poses of its bodies along a track, and gaps of its loops
+model_checks, keyframe_checks, claims, statics    faults that one file shows by itself
+mujoco_conventions    numbers and poses as MuJoCo states them
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.mjcf.audit.claims import check_claims, counts_from_home, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
 from twin.exchange.formats.mjcf.audit.mechanism import compiled_mechanism
-from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
+from twin.exchange.formats.mjcf.audit.model_checks import check_limits, check_model
 from twin.exchange.formats.mjcf.audit.shapes import link_shapes, surface_colors
+from twin.exchange.formats.mjcf.audit.statics import balance_at_keyframe
 from twin.exchange.formats.mjcf.audit.track_poses import play_track
 
 

@@ -7,69 +7,51 @@ choose another stepping.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.formats.mjcf.audit.statics import Balance
 
-_STEPPING = re.compile(r"<!--[^>]*At this time step, with this integrator")
-_OF_JOINTS = re.compile(r"<!--[^>]*A control is the displacement of its joint from home")
-_HOLDING = re.compile(r"<!--[^>]*Zero holds the robot at home")
+# The beginnings of the comments that an export writes; each claim has checks of its own in `check_claims`.
+_STEPPING_CLAIM = re.compile(r"<!--[^>]*At this time step, with this integrator")
+_CONTROL_CLAIM = re.compile(r"<!--[^>]*A control is the displacement of its joint from home")
+_HOLDING_CLAIM = re.compile(r"<!--[^>]*Zero holds the robot at home")
 
-_KINDS = re.compile(r"<!--[^>]*as stated by the text of that name")
+_MOTOR_KIND_CLAIM = re.compile(r"<!--[^>]*as stated by the text of that name")
 
-_TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
+_TESTED_OPTIONS = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
 """Options at which the loops were tested to stay closed (tests/exchange/test_exporting_engines.py)."""
 
-_SPRING = (0.001, 1.0, 0.9999, 0.9999, 0.001, 0.5, 2.0)
+_TESTED_CONSTRAINT = (0.001, 1.0, 0.9999, 0.9999, 0.001, 0.5, 2.0)
 """solref and solimp of the equality constraints in these tests."""
 
 _OPTION_ROUNDING = 1e-9
 """Relative difference of an option from the tested one that is only rounding: files state options as they are."""
 
-_SPRING_ROUNDING = 1e-6
+_CONSTRAINT_ROUNDING = 1e-6
 """The same for solref and solimp: MuJoCo saves six digits."""
 
-_INTEGRATOR = "discrete"
+_TESTED_INTEGRATOR = "discrete"
 
-_HOME = "home"
+_HOME_KEYFRAME = "home"
 """Name of the keyframe in which a control of 0 holds the robot."""
 
 _BALL = int(mujoco.mjtJoint.mjJNT_BALL)
 
-_COORDINATES = {_BALL: 4, int(mujoco.mjtJoint.mjJNT_FREE): 7}
+_COORDINATE_COUNTS = {_BALL: 4, int(mujoco.mjtJoint.mjJNT_FREE): 7}
 """Numbers of `qpos` of joints with more than one."""
 
-_SAVED = 1e-5
+_SAVED_ROUNDING = 1e-5
 """Difference of equal coordinates in m, rad or of quaternions: MuJoCo saves six digits."""
 
-_BALANCED = 1e-5
+_UNBALANCED_SHARE = 1e-5
 """Part of the weight's largest effort that may remain unbalanced at a keyframe: numbers have 12 digits."""
 
-_ROUNDED = 1e-6
+_NEGLIGIBLE_EFFORT = 1e-6
 """Effort in N or N m that counts as none."""
-
-
-@dataclass(frozen=True)
-class Balance:
-    """The forces at a keyframe at rest.
-
-    Attributes:
-        forces: forces (nu,) of the actuators in N or N m.
-        holding: the smallest ones (nu,) of position servos that hold the robot, with closed loops.
-        remaining: largest effort of a coordinate in N or N m that `forces` and loops leave unbalanced.
-        least: the same for `holding`.
-        weight: largest effort of a coordinate in N or N m due to the weight.
-    """
-
-    forces: Array
-    holding: Array
-    remaining: float
-    least: float
-    weight: float
 
 
 def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weighed: bool, ledger: Ledger) -> None:
@@ -82,14 +64,14 @@ def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weig
         weighed: whether all masses are those of the robot, none of them assumed.
         ledger: receives the findings.
     """
-    if _STEPPING.search(text):
+    if _STEPPING_CLAIM.search(text):
         _check_stepping(model, ledger)
-        _check_springs(model, ledger)
-    if _KINDS.search(text):
+        _check_constraint_parameters(model, ledger)
+    if _MOTOR_KIND_CLAIM.search(text):
         _check_motor_texts(model, ledger)
-    if _OF_JOINTS.search(text):
+    if _CONTROL_CLAIM.search(text):
         _check_names(model, ledger)
-    if _HOLDING.search(text):
+    if _HOLDING_CLAIM.search(text):
         if balance is None:
             advice = "write the keyframe again, or remove the comment"
             message = "a comment states that a control of 0 holds the robot at home, but the file has no keyframe."
@@ -102,7 +84,7 @@ def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weig
 
 def counts_from_home(text: str) -> bool:
     """Return whether a comment of a file states that its controls are displacements from home."""
-    return _OF_JOINTS.search(text) is not None
+    return _CONTROL_CLAIM.search(text) is not None
 
 
 def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | None:
@@ -111,12 +93,12 @@ def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | Non
     A file of others may use the name of the keyframe for any pose.
     """
     names = [model.key(k).name for k in range(model.nkey)]
-    if not _HOLDING.search(text) or _HOME not in names:
+    if not _HOLDING_CLAIM.search(text) or _HOME_KEYFRAME not in names:
         return None
-    qpos = model.key_qpos[names.index(_HOME)]
+    qpos = model.key_qpos[names.index(_HOME_KEYFRAME)]
     coordinates: dict[str, float] = {}
     for joint in range(model.njnt):
-        if int(model.jnt_type[joint]) not in _COORDINATES:
+        if int(model.jnt_type[joint]) not in _COORDINATE_COUNTS:
             coordinates[model.joint(joint).name] = float(qpos[int(model.jnt_qposadr[joint])])
     return coordinates
 
@@ -124,38 +106,41 @@ def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | Non
 def _check_home(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
     names = [model.key(number).name for number in range(model.nkey)]
-    if _HOME in names:
-        _check_home_pose(model, names.index(_HOME), ledger)
+    if _HOME_KEYFRAME in names:
+        _check_home_pose(model, names.index(_HOME_KEYFRAME), ledger)
         return
     listed = ", ".join(f"'{name}'" for name in names)
-    text = f"a comment states how the robot is held at home, but no keyframe is named '{_HOME}': the file has {listed}."
-    ledger.wrong("mjcf.claim", text, "keyframe", suggestion=f"name the keyframe '{_HOME}', or remove the comment")
+    text = (
+        f"a comment states how the robot is held at home, but no keyframe is named '{_HOME_KEYFRAME}': the file has "
+        f"{listed}."
+    )
+    advice = f"name the keyframe '{_HOME_KEYFRAME}', or remove the comment"
+    ledger.wrong("mjcf.claim", text, "keyframe", suggestion=advice)
 
 
 def _check_home_pose(model: mujoco.MjModel, key: int, ledger: Ledger) -> None:
     """Report a keyframe of home that is not at the coordinates `ref`, from which the comment counts the controls."""
     for joint in range(model.njnt):
         first = int(model.jnt_qposadr[joint])
-        end = first + _COORDINATES.get(int(model.jnt_type[joint]), 1)
+        end = first + _COORDINATE_COUNTS.get(int(model.jnt_type[joint]), 1)
         home = model.key_qpos[key, first:end]
         ref = model.qpos0[first:end]
         difference = float(np.abs(home - ref).max())
         if int(model.jnt_type[joint]) == _BALL:
-            difference = min(
-                difference, float(np.abs(home + ref).max())
-            )  # a quaternion and its negative are one rotation
-        if difference <= _SAVED * max(1.0, float(np.abs(ref).max())):
+            # A quaternion and its negative are one rotation.
+            difference = min(difference, float(np.abs(home + ref).max()))
+        if difference <= _SAVED_ROUNDING * max(1.0, float(np.abs(ref).max())):
             continue
         name = model.joint(joint).name or model.body(int(model.jnt_bodyid[joint])).name
         text = (
-            f"keyframe '{_HOME}': joint '{name}' is at {_numbers(home)}, but a comment of the file counts controls "
-            f"from home, which is {_numbers(ref)} by its ref or its body."
+            f"keyframe '{_HOME_KEYFRAME}': joint '{name}' is at {_number_text(home)}, but a comment of the file counts "
+            f"controls from home, which is {_number_text(ref)} by its ref or its body."
         )
-        size = Measured(difference, _SAVED)
+        size = Measured(difference, _SAVED_ROUNDING)
         ledger.wrong("mjcf.claim", text, name, size=size, suggestion="write the same coordinates in both places")
 
 
-def _numbers(values: Array) -> str:
+def _number_text(values: Array) -> str:
     return " ".join(map("{:.6g}".format, values))
 
 
@@ -203,20 +188,20 @@ def _check_names(model: mujoco.MjModel, ledger: Ledger) -> None:
 
 def _check_stepping(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report options that are not those at which the file says that its loops were tested."""
-    for name, tested in _TESTED.items():
+    for name, tested in _TESTED_OPTIONS.items():
         value = getattr(model.opt, name)
         if abs(value - tested) > _OPTION_ROUNDING * tested:
             _report_stepping(name, f"{value:g}", f"{tested:g}", ledger)
     integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
-    if integrator != _INTEGRATOR:
-        _report_stepping("integrator", integrator, _INTEGRATOR, ledger)
+    if integrator != _TESTED_INTEGRATOR:
+        _report_stepping("integrator", integrator, _TESTED_INTEGRATOR, ledger)
 
 
-def _check_springs(model: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_constraint_parameters(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report constraints that yield by other parameters than those with which the loops were tested."""
     for equality in range(model.neq):
         parameters = np.concatenate([model.eq_solref[equality], model.eq_solimp[equality]])
-        if np.allclose(parameters, _SPRING, rtol=_SPRING_ROUNDING, atol=0.0):
+        if np.allclose(parameters, _TESTED_CONSTRAINT, rtol=_CONSTRAINT_ROUNDING, atol=0.0):
             continue
         name = model.equality(equality).name
         solref = " ".join(map("{:g}".format, parameters[:2]))
@@ -247,8 +232,8 @@ def _check_holding(model: mujoco.MjModel, balance: Balance, ledger: Ledger) -> N
     bounds = np.abs(model.actuator_forcerange).max(axis=1, initial=0.0)
     if np.any(limited & (np.abs(balance.forces) >= bounds)) or not model.nu:
         return
-    limit = _BALANCED * balance.weight + _ROUNDED
-    if balance.least > limit or balance.remaining <= limit:
+    limit = _UNBALANCED_SHARE * balance.weight + _NEGLIGIBLE_EFFORT
+    if balance.least_remaining > limit or balance.remaining <= limit:
         return
     actuator = int(np.argmax(np.abs(balance.forces - balance.holding)))
     name = model.actuator(actuator).name

@@ -15,15 +15,15 @@ import numpy as np
 
 from twin.exchange.audit.file_joints import WORLD
 
-_SAME = 1e-12
+_EQUAL_ROUNDING = 1e-12
 """Relative difference of equal numbers."""
 
-_INTERNAL = frozenset(
+_INTERNAL_FIELDS = frozenset(
     {"alt", "classname", "compiler", "frame", "id", "info", "name", "parent", "plugin", "signature", "userdata"}
 )
 """Fields that are no declarations of the robot."""
 
-_MOTION: Mapping[str, frozenset[str]] = {
+_COMPARED_MOTION_FIELDS: Mapping[str, frozenset[str]] = {
     "joints": frozenset(
         {"armature", "axis", "damping", "frictionloss", "group", "limited", "margin", "pos", "range", "ref"}
         | {"stiffness", "type", "align", "solref_limit", "solimp_limit"}
@@ -43,7 +43,7 @@ _MOTION: Mapping[str, frozenset[str]] = {
 }
 """Fields, by list of objects, that other comparisons read, or that have no effect; all others act on the motion."""
 
-_CONTACT: Mapping[str, frozenset[str]] = {
+_COMPARED_CONTACT_FIELDS: Mapping[str, frozenset[str]] = {
     "geoms": frozenset(
         {"mass", "density", "fromto", "group", "meshname", "hfieldname", "material", "pos", "quat", "rgba", "size"}
         | {"type", "typeinertia", "contype", "conaffinity", "fitscale", "fluid_coefs", "fluid_ellipsoid"}
@@ -56,15 +56,15 @@ _CONTACT: Mapping[str, frozenset[str]] = {
 }
 """The same for what acts on contacts and on the look."""
 
-_LIMIT_SOLVER = ("solref_limit", "solimp_limit")
+_LIMIT_SOLVER_FIELDS = ("solref_limit", "solimp_limit")
 """Fields of joints that say how far a limit yields; they act like those of contacts, and authors may choose them."""
 
-_OPTIONS = frozenset(
+_COMPARED_OPTIONS = frozenset(
     {"gravity", "density", "viscosity", "disableflags", "timestep", "integrator", "iterations", "tolerance"}
 )
 """Options that other comparisons read, or that a comment of the file states (`claims`)."""
 
-_ACCURACY = frozenset(
+_ACCURACY_OPTIONS = frozenset(
     {"ls_iterations", "ls_tolerance", "ccd_iterations", "ccd_tolerance", "jacobian", "sdf_initpoints", "sdf_iterations"}
     | {"noslip_iterations", "noslip_tolerance", "sleep_tolerance", "solver", "magnetic", "wind"}
 )
@@ -84,7 +84,7 @@ _COMPARED_FLAGS = (
 )
 """Flags that disable what is compared as a whole: then it is missing."""
 
-_DEFAULTS = {
+_ELEMENT_OF_LIST = {
     "joints": "joint",
     "actuators": "actuator",
     "tendons": "tendon",
@@ -93,8 +93,9 @@ _DEFAULTS = {
     "meshes": "mesh",
     "materials": "material",
 }
+"""{list of a specification: element of MJCF of its objects}."""
 
-_COUNTED = {"motion": ("flexes", "skins", "plugins"), "contact": ("excludes", "pairs")}
+_LISTS_WITHOUT_OBJECTS = {"motion": ("flexes", "skins", "plugins"), "contact": ("excludes", "pairs")}
 """Objects that an export has none of."""
 
 Declared = dict[str, dict[str, str]]
@@ -103,22 +104,22 @@ Declared = dict[str, dict[str, str]]
 
 def further_declarations(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
     """Return the further declarations of an MJCF: (those that act on the motion, those on contacts and look)."""
-    motion = _declared_fields(spec, _MOTION)
-    contact = _declared_fields(spec, _CONTACT) | _limit_solver_fields(spec)
-    options = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS | _ACCURACY)
+    motion = _declared_fields(spec, _COMPARED_MOTION_FIELDS)
+    contact = _declared_fields(spec, _COMPARED_CONTACT_FIELDS) | _limit_solver_fields(spec)
+    options = _fields(spec.option, mujoco.MjSpec().option, _COMPARED_OPTIONS | _ACCURACY_OPTIONS)
     flags = _flag_names(mujoco.mjtDisableBit, spec.option.disableflags & ~_COMPARED_FLAGS)
     if flags:
         options["disabled"] = ", ".join(flags)
     if options:
         motion["the option"] = options
     accuracy: dict[str, str] = {}
-    for key, text in _fields(spec.option, mujoco.MjSpec().option, _OPTIONS).items():
-        if key in _ACCURACY:
+    for key, text in _fields(spec.option, mujoco.MjSpec().option, _COMPARED_OPTIONS).items():
+        if key in _ACCURACY_OPTIONS:
             accuracy[key] = text
     if accuracy:
         contact["the option"] = accuracy
     for kind, declared in (("motion", motion), ("contact", contact)):
-        for name in _COUNTED[kind]:
+        for name in _LISTS_WITHOUT_OBJECTS[kind]:
             count = len(getattr(spec, name))
             if count:
                 declared.setdefault("the file", {})[name] = str(count)
@@ -140,7 +141,7 @@ def _declared_fields(spec: mujoco.MjSpec, compared_fields: Mapping[str, frozense
             fields |= _partly_compared_fields(name, item)
             if fields:
                 label = item.name or f"{number + 1} of {len(getattr(spec, name))}"
-                declared[f"{_DEFAULTS.get(name, 'body')} '{label}'"] = fields
+                declared[f"{_ELEMENT_OF_LIST.get(name, 'body')} '{label}'"] = fields
     return declared
 
 
@@ -150,7 +151,7 @@ def _limit_solver_fields(spec: mujoco.MjSpec) -> Declared:
     default = _object_with_defaults("joints")
     for number, joint in enumerate(spec.joints):
         fields: dict[str, str] = {}
-        for key in _LIMIT_SOLVER:
+        for key in _LIMIT_SOLVER_FIELDS:
             value = getattr(joint, key)
             if not _equal(value, getattr(default, key)):
                 fields[key] = _text(value)
@@ -160,41 +161,60 @@ def _limit_solver_fields(spec: mujoco.MjSpec) -> Declared:
     return declared
 
 
-def _object_with_defaults(name: str) -> Any:
+def _object_with_defaults(name: str) -> object:
     """Return an object of a list with the values that MuJoCo gives it."""
     spec = mujoco.MjSpec()
     if name == "bodies":
         return spec.worldbody.add_body()
-    return getattr(spec.default, _DEFAULTS[name])
+    return getattr(spec.default, _ELEMENT_OF_LIST[name])
 
 
-def _partly_compared_fields(name: str, item: Any) -> dict[str, str]:
+def _partly_compared_fields(list_name: str, item: Any) -> dict[str, str]:
     """Return fields of which other comparisons read only the first numbers, or only the usual values."""
+    if list_name == "actuators":
+        return _actuator_fields(item)
+    if list_name == "equalities":
+        return _equality_fields(item)
+    if list_name == "geoms":
+        return _geom_fields(item)
+    return {}
+
+
+def _actuator_fields(actuator: mujoco.MjsActuator) -> dict[str, str]:
     fields: dict[str, str] = {}
-    if name == "actuators":
-        for key, first in (("gear", 1), ("gainprm", 1), ("biasprm", 3), ("dynprm", 1)):
-            numbers = np.asarray(getattr(item, key), float)[first:]
-            if np.any(np.nan_to_num(numbers)):
-                fields[f"{key}[{first}:]"] = _text(numbers)
-        if item.trntype not in _COMPARED_TRANSMISSIONS:
-            fields["trntype"] = mujoco.mjtTrn(item.trntype).name.removeprefix("mjTRN_").lower()
-    elif name == "equalities" and item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2:
-        # Couplings are compared as linear ones.
-        powers = np.asarray(item.data, float)[2:5]
-        if np.any(powers):
-            fields["polycoef[2:]"] = _text(powers)
-    elif name == "geoms" and item.type != mujoco.mjtGeom.mjGEOM_MESH and item.parent.name != WORLD:
-        # Only meshes are read as shapes, so no comparison of meshes would show others. The world may have a floor.
-        kind = mujoco.mjtGeom(item.type).name.removeprefix("mjGEOM_").lower()
-        fields["type"] = f"{kind} on body '{item.parent.name}'"
-        if item.meshname:
-            fields["type"] += f", which MuJoCo fits to mesh '{item.meshname}'"
-    if name == "geoms" and item.group > _LAST_SHOWN_GROUP:
-        fields["group"] = f"{item.group}, which viewers do not show"
+    for key, first in (("gear", 1), ("gainprm", 1), ("biasprm", 3), ("dynprm", 1)):
+        numbers = np.asarray(getattr(actuator, key), float)[first:]
+        if np.any(np.nan_to_num(numbers)):
+            fields[f"{key}[{first}:]"] = _text(numbers)
+    if actuator.trntype not in _COMPARED_TRANSMISSIONS:
+        fields["trntype"] = mujoco.mjtTrn(actuator.trntype).name.removeprefix("mjTRN_").lower()
     return fields
 
 
-def _fields(item: Any, default: Any, compared: Iterable[str]) -> dict[str, str]:
+def _equality_fields(equality: mujoco.MjsEquality) -> dict[str, str]:
+    if equality.type != mujoco.mjtEq.mjEQ_JOINT or not equality.name2:
+        return {}
+    # Couplings are compared as linear ones.
+    powers = np.asarray(equality.data, float)[2:5]
+    if not np.any(powers):
+        return {}
+    return {"polycoef[2:]": _text(powers)}
+
+
+def _geom_fields(geom: mujoco.MjsGeom) -> dict[str, str]:
+    fields: dict[str, str] = {}
+    # Only meshes are read as shapes, so no comparison of meshes would show others. The world may have a floor.
+    if geom.type != mujoco.mjtGeom.mjGEOM_MESH and geom.parent.name != WORLD:
+        kind = mujoco.mjtGeom(geom.type).name.removeprefix("mjGEOM_").lower()
+        fields["type"] = f"{kind} on body '{geom.parent.name}'"
+        if geom.meshname:
+            fields["type"] += f", which MuJoCo fits to mesh '{geom.meshname}'"
+    if geom.group > _LAST_SHOWN_GROUP:
+        fields["group"] = f"{geom.group}, which viewers do not show"
+    return fields
+
+
+def _fields(item: object, default: object, compared: Iterable[str]) -> dict[str, str]:
     """Return {field: text} of the fields of an object that differ from those of another, without those `compared`."""
     fields: dict[str, str] = {}
     for key in _field_names(item):
@@ -207,15 +227,15 @@ def _fields(item: Any, default: Any, compared: Iterable[str]) -> dict[str, str]:
     return fields
 
 
-def _field_names(item: Any) -> Iterator[str]:
+def _field_names(item: object) -> Iterator[str]:
     for key in dir(item):
-        if key.startswith(("_", "first_", "next_", "add_", "set_", "find_", "to_")) or key in _INTERNAL:
+        if key.startswith(("_", "first_", "next_", "add_", "set_", "find_", "to_")) or key in _INTERNAL_FIELDS:
             continue
         if not callable(getattr(item, key)):
             yield key
 
 
-def _equal(a: Any, b: Any) -> bool:
+def _equal(a: object, b: object) -> bool:
     if isinstance(a, str) or isinstance(b, str):
         return str(a) == str(b)
     try:
@@ -223,17 +243,19 @@ def _equal(a: Any, b: Any) -> bool:
         second = np.asarray(b, float)
     except (TypeError, ValueError):
         return True  # objects, which are no values
-    return first.shape == second.shape and bool(np.allclose(first, second, rtol=_SAME, atol=0.0, equal_nan=True))
+    return first.shape == second.shape and bool(
+        np.allclose(first, second, rtol=_EQUAL_ROUNDING, atol=0.0, equal_nan=True)
+    )
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, str):
         return value
     numbers = np.atleast_1d(np.asarray(value, float))
     return " ".join(map("{:g}".format, numbers))
 
 
-def _flag_names(flags: Any, bits: int) -> list[str]:
+def _flag_names(flags: type[mujoco.mjtDisableBit], bits: int) -> list[str]:
     """Return the names of the bits that are set, such as "constraint"."""
     names = []
     for name, flag in flags.__members__.items():

@@ -10,19 +10,16 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, quantity
-from twin.exchange.formats.mjcf.audit.claims import Balance
-from twin.exchange.formats.mjcf.audit.mechanism import BALL, HINGE, SLIDE
+from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.formats.mjcf.audit.keyframe_checks import check_keyframe
+from twin.exchange.formats.mjcf.audit.mujoco_conventions import HINGE, SLIDE
 
 ROUNDING_TOL = 1e-5
 """Maximum relative difference of limits or gains that counts as a rounding error: MuJoCo saves six digits."""
 
-KEY_GAP = 1e-4
-"""Maximum residual in m or rad of an equality constraint at a keyframe; simulations start from keyframes."""
-
 Form = TypeVar("Form", bound=Hashable)
 
-_COMMON = 0.7
+_COMMON_SHARE = 0.7
 """Fraction of elements that must be alike, so that the others count as different by mistake."""
 
 _FEWEST_FORMS = 3
@@ -30,28 +27,6 @@ _FEWEST_FORMS = 3
 
 _UNLIMITED = 1e29
 """Limits of tracks in m or rad above this size mean "no limit"."""
-
-_CONTROL_DIGITS = 9
-"""Decimals of a computed control in messages: less is rounding of the equations of balance."""
-
-_RANGE_SLACK = 1e-6
-"""Largest excess over a range, in m or rad, that counts as a rounding error of a keyframe."""
-
-
-def gap_of(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, str]:
-    """Return (largest residual of an equality constraint in m or rad, name of this constraint)."""
-    gaps = np.where(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY, np.abs(data.efc_pos), 0.0)
-    if not gaps.any():
-        return 0.0, ""
-    row = int(np.argmax(gaps))
-    return float(gaps[row]), model.equality(int(data.efc_id[row])).name
-
-
-def opening(model: mujoco.MjModel, equality: str, gap: float) -> str:
-    """Return the residual of an equality constraint as text: a length of points, else in m or rad."""
-    if equality and model.equality(equality).type == mujoco.mjtEq.mjEQ_CONNECT:
-        return quantity(gap, "m")
-    return f"{gap:.4g} m or rad"
 
 
 def check_model(model: mujoco.MjModel, ledger: Ledger, from_home: bool = False) -> None:
@@ -81,7 +56,7 @@ def check_model(model: mujoco.MjModel, ledger: Ledger, from_home: bool = False) 
     _check_softness(model, ledger)
     _check_soft_limits(model, ledger)
     for key in range(model.nkey):
-        _check_keyframe(model, data, key, ledger)
+        check_keyframe(model, data, key, ledger)
 
 
 def check_limits(
@@ -278,7 +253,7 @@ def _common_form(forms: Collection[Form]) -> Form | None:
     if len(forms) < _FEWEST_FORMS:
         return None
     common, count = Counter(forms).most_common(1)[0]
-    return common if count >= _COMMON * len(forms) else None
+    return common if count >= _COMMON_SHARE * len(forms) else None
 
 
 def _solver_text(row: tuple[float, ...], common: tuple[float, ...]) -> str:
@@ -315,135 +290,3 @@ def _check_soft_limits(model: mujoco.MjModel, ledger: Ledger) -> None:
         if row != common:
             text = f"the limit of joint '{name}' has {_solver_text(row, common)}: it yields differently."
             ledger.add("mjcf.softness", "warning", text, name, suggestion="give all limits the same parameters")
-
-
-def _check_keyframe(model: mujoco.MjModel, data: mujoco.MjData, key: int, ledger: Ledger) -> None:
-    name = model.key(key).name or f"key {key}"
-    mujoco.mj_resetDataKeyframe(model, data, key)
-    mujoco.mj_fwdPosition(model, data)
-    worst, where = gap_of(model, data)
-    if model.neq:
-        ledger.row(f"loops at keyframe '{name}'", worst, "m", KEY_GAP)
-    if worst > KEY_GAP:
-        text = f"keyframe '{name}': equality '{where}' is open by {opening(model, where, worst)}."
-        ledger.wrong("mjcf.keyframe", text, name, size=Measured(worst, KEY_GAP, "m"))
-    for joint in range(model.njnt):
-        q = float(data.qpos[model.jnt_qposadr[joint]])
-        low, high = model.jnt_range[joint]
-        if (
-            model.jnt_limited[joint]
-            and model.jnt_type[joint] != BALL
-            and not low - _RANGE_SLACK <= q <= high + _RANGE_SLACK
-        ):
-            text = (
-                f"keyframe '{name}': joint '{model.joint(joint).name}' is at {q:.6g}, outside {low:.6g} .. {high:.6g}."
-            )
-            ledger.wrong("mjcf.keyframe", text, name, size=q)
-    _check_holding_forces(model, data, name, ledger)
-
-
-def _check_holding_forces(model: mujoco.MjModel, data: mujoco.MjData, name: str, ledger: Ledger) -> None:
-    """Report actuators whose force is at its limit at a keyframe with zero velocity.
-
-    If even the right force would be above the limit, the motor is too weak, which is a warning; else the control is
-    wrong.
-    """
-    mujoco.mj_fwdVelocity(model, data)
-    mujoco.mj_fwdActuation(model, data)
-    holding_forces = _holding_forces(model, data)
-    for actuator in range(model.nu):
-        if not model.actuator_forcelimited[actuator]:
-            continue
-        label = model.actuator(actuator).name
-        bound = float(np.abs(model.actuator_forcerange[actuator]).max())
-        needed = holding_forces[actuator]
-        force = data.actuator_force[actuator]
-        if abs(needed) > bound:
-            text = (
-                f"keyframe '{name}': actuator '{label}' cannot hold the robot: it needs {abs(needed):.4g} N or N m, "
-                f"its maximum effort is {bound:g}."
-            )
-            ledger.add("mjcf.effort", "warning", text, label, size=Measured(needed, bound))
-        elif abs(force) >= bound:
-            text = (
-                f"keyframe '{name}': actuator '{label}' is at its maximum effort, {bound:g} N or N m"
-                f"{_control_text(model, data, actuator, needed)}."
-            )
-            advice = "set the actuator's control in the keyframe to the value of its joint"
-            ledger.wrong("mjcf.keyframe", text, label, size=Measured(force, bound), suggestion=advice)
-
-
-def _control_text(model: mujoco.MjModel, data: mujoco.MjData, actuator: int, needed: float) -> str:
-    """Return which control an actuator has, and which one gives the force `needed`; "" if it does not follow.
-
-    Its force is gain times control plus bias, without activation and at zero velocity.
-    """
-    is_plain = int(model.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
-    has_fixed_gain = int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-    gain = float(model.actuator_gainprm[actuator, 0])
-    if not (is_plain and has_fixed_gain) or gain == 0.0:
-        return ""
-    bias = 0.0
-    if int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE):
-        constant, stiffness = model.actuator_biasprm[actuator, :2].tolist()
-        bias = constant + stiffness * float(data.actuator_length[actuator])
-    elif int(model.actuator_biastype[actuator]) != int(mujoco.mjtBias.mjBIAS_NONE):
-        return ""
-    right_control = round((needed - bias) / gain, _CONTROL_DIGITS) or 0.0
-    return f": its control is {data.ctrl[actuator]:g}, and {right_control:g} would hold the robot"
-
-
-def _holding_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return the forces (nu,) in N or N m with which the actuators hold the robot at rest, with closed loops.
-
-    The forces of the actuators and of the equality constraints balance gravity, in the least-squares sense. Loops hold
-    what they can: the efforts are the smallest ones.
-    """
-    columns, loops, gravity = _statics(model, data)
-    forces, *_ = np.linalg.lstsq(np.hstack([columns, loops]), gravity, rcond=None)
-    return forces[: model.nu]
-
-
-def _statics(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array, Array]:
-    """Return what acts at rest: efforts (nv, nu) by actuator, those (nv, k) by loop constraint, and weight (nv,)."""
-    columns = np.zeros((model.nv, model.nu))
-    moments = data.actuator_moment.ravel()  # a sparse matrix, compressed by rows: one row for each actuator
-    for actuator in range(model.nu):
-        first = int(data.moment_rowadr[actuator])
-        for entry in range(first, first + int(data.moment_rownnz[actuator])):
-            columns[int(data.moment_colind[entry]), actuator] = moments[entry]
-    loop_rows = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-    loops = np.zeros((model.nv, len(loop_rows)))
-    for column, constraint in enumerate(loop_rows):
-        efforts = np.zeros(model.nv)
-        unit_force = np.zeros(data.nefc)
-        unit_force[constraint] = 1.0
-        mujoco.mj_mulJacTVec(model, data, efforts, unit_force)
-        loops[:, column] = efforts
-    return columns, loops, data.qfrc_bias - data.qfrc_passive
-
-
-def balance_at_keyframe(model: mujoco.MjModel) -> Balance | None:
-    """Return the forces at the first keyframe; None without a keyframe."""
-    if not model.nkey:
-        return None
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
-    mujoco.mj_fwdActuation(model, data)
-    columns, loops, gravity = _statics(model, data)
-    forces = data.actuator_force.copy()
-    servo = model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)
-    pulled, *_ = np.linalg.lstsq(np.hstack([columns * servo, loops]), gravity, rcond=None)
-    holding = pulled[: model.nu] * servo
-    remaining = _unbalanced(gravity - columns @ forces, loops)
-    least = _unbalanced(gravity - columns @ holding, loops)
-    weight = float(np.abs(gravity).max(initial=0.0))
-    return Balance(forces, holding, remaining, least, weight)
-
-
-def _unbalanced(efforts: Array, loops: Array) -> float:
-    """Return the largest of the efforts (nv,) in N or N m that the loops (nv, k) cannot carry."""
-    carried, *_ = np.linalg.lstsq(loops, efforts, rcond=None)
-    return float(np.abs(efforts - loops @ carried).max(initial=0.0))

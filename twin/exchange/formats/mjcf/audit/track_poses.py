@@ -13,17 +13,11 @@ from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_joints import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
-from twin.exchange.formats.mjcf.audit.mechanism import BALL, FREE, HINGE, SLIDE
-from twin.exchange.formats.mjcf.audit.model_checks import gap_of, opening
+from twin.exchange.formats.mjcf.audit.loop_gaps import gap_text, largest_gap
+from twin.exchange.formats.mjcf.audit.mujoco_conventions import BALL, FREE, HINGE, SLIDE, W_XYZ, XYZ_W
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
-
-_XYZ_W = [1, 2, 3, 0]
-"""Indices that turn MuJoCo's quaternions (w, x, y, z) into those of `poses` (x, y, z, w)."""
-
-_W_XYZ = [3, 0, 1, 2]
-"""Indices of the other direction."""
 
 
 def play_track(model: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip, ledger: Ledger) -> FileClip:
@@ -37,7 +31,7 @@ def play_track(model: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip,
     count = len(clip.times)
     positions = np.zeros((count, model.nbody, 3))
     quaternions = np.zeros((count, model.nbody, 4))
-    largest_gap = 0.0
+    worst_gap = 0.0
     loop = ""
     when = ""
     for key in range(count):
@@ -45,17 +39,17 @@ def play_track(model: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip,
         mujoco.mj_fwdPosition(model, data)
         positions[key] = data.xpos
         quaternions[key] = data.xquat
-        gap, equality = gap_of(model, data)
-        if gap > largest_gap:
-            largest_gap = gap
+        gap, equality = largest_gap(model, data)
+        if gap > worst_gap:
+            worst_gap = gap
             loop = equality
             when = f"t = {clip.times[key]:.4g} s"
     if model.neq:
-        ledger.row(f"clip '{clip.name}': loops in MuJoCo", largest_gap, "m", LOOP_TOL, where=loop, when=when)
-    if largest_gap > LOOP_TOL:
-        text = f"clip '{clip.name}': equality '{loop}' is open by {opening(model, loop, largest_gap)}."
-        ledger.wrong("mjcf.loop", text, loop, size=um(largest_gap, LOOP_TOL), when=when)
-    T_world_body = poses.pose(poses.rotation(quaternions[..., _XYZ_W]), positions)
+        ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst_gap, "m", LOOP_TOL, where=loop, when=when)
+    if worst_gap > LOOP_TOL:
+        text = f"clip '{clip.name}': equality '{loop}' is open by {gap_text(model, loop, worst_gap)}."
+        ledger.wrong("mjcf.loop", text, loop, size=um(worst_gap, LOOP_TOL), when=when)
+    T_world_body = poses.pose(poses.rotation(quaternions[..., XYZ_W]), positions)
     numbers = {WORLD: 0, **bodies}  # a base named world is MuJoCo's own fixed body
     links: dict[str, Array] = {}
     for name, body in numbers.items():
@@ -90,7 +84,7 @@ class TrackCoordinates:
             if T_parent_body is not None:
                 address = model.jnt_qposadr[first]
                 qpos[:, address : address + 3] = T_parent_body[:, :3, 3]
-                qpos[:, address + 3 : address + 7] = poses.quaternion(T_parent_body[:, :3, :3])[:, _W_XYZ]
+                qpos[:, address + 3 : address + 7] = poses.quaternion(T_parent_body[:, :3, :3])[:, W_XYZ]
             return
         steps: list[ChainStep] = []
         stated: list[Array | None] = []
@@ -122,7 +116,7 @@ class TrackCoordinates:
             return
         about_x, about_y, about_z = values
         R = poses.about([1, 0, 0], about_x) @ poses.about([0, 1, 0], about_y) @ poses.about([0, 0, 1], about_z)
-        qpos[:, address : address + 4] = poses.quaternion(R)[:, _W_XYZ]
+        qpos[:, address : address + 4] = poses.quaternion(R)[:, W_XYZ]
 
     def _chain(self, body: int, joints: range) -> Iterator[tuple[ChainStep, Array | None, int]]:
         """Yield (step, values, joint) for each step of the chain from a body's parent to the body.
@@ -131,7 +125,7 @@ class TrackCoordinates:
         step without a joint.
         """
         model = self._model
-        R_parent_body = poses.rotation(model.body_quat[body][_XYZ_W])
+        R_parent_body = poses.rotation(model.body_quat[body][XYZ_W])
         yield ChainStep(poses.pose(R_parent_body, model.body_pos[body])), None, -1
         for joint in joints:
             anchor = poses.pose(None, model.jnt_pos[joint])
@@ -183,5 +177,5 @@ class TrackCoordinates:
 
     def _site(self, site: int) -> Array:
         """Return T_body_site (4, 4)."""
-        R_body_site = poses.rotation(self._model.site_quat[site][_XYZ_W])
+        R_body_site = poses.rotation(self._model.site_quat[site][XYZ_W])
         return poses.pose(R_body_site, self._model.site_pos[site])

@@ -18,6 +18,9 @@ from twin.exchange.formats.usd.audit.declared import is_ours
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
 from twin.exchange.formats.usd.audit.unread_attributes import further_declarations
 
+_EARTH = 9.81
+"""Gravity in m/s2 of a scene that states none."""
+
 
 def stage_mechanism(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FileMechanism:
     """Return the mechanism data of a stage, in m, kg and rad.
@@ -63,16 +66,16 @@ def stage_mechanism(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up:
             fixed_to_world.add(name)
     mechanism.weight_shares = weight_shares
     links = set(names.values())
-    behind: set[str] = set()  # joints behind transmissions, whose motors have the efforts
+    joints_with_motors: set[str] = set()  # joints behind transmissions, whose motors have the efforts
     for motor in (mechanism.motors or {}).values():
-        behind |= set(motor.row or ())
+        joints_with_motors |= set(motor.row or ())
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
             if mechanism.all_motors and joint.kind in ("revolute", "prismatic"):
-                joint = replace(joint, drive=_completed(joint.drive, prim.GetName() not in behind))
+                joint = replace(joint, drive=_completed(joint.drive, prim.GetName() not in joints_with_motors))
             parent_moves = joint.parent in links
             child_moves = joint.child in links
             if joint.kind == "fixed" and parent_moves != child_moves:
@@ -187,7 +190,7 @@ def _gravity(scene: UsdPhysics.Scene, meters: float, up: str) -> Array:
         down = down / np.linalg.norm(down)
         if up == "Y":
             down = poses.R_Z_UP_Y_UP @ down
-    magnitude = 9.81
+    magnitude = _EARTH
     stated = scene.GetGravityMagnitudeAttr().Get()
     # The fallback of the magnitude is -inf: gravity of the earth.
     if stated is not None and np.isfinite(stated) and stated >= 0:
@@ -300,18 +303,23 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
             effort = None
         law = str(drive.GetTypeAttr().Get())
     speed = _scaled(prim.GetAttribute("physxJoint:maxJointVelocity").Get(), unit, 1.0)
-    marked = prim.GetAttribute("twin:active").Get()
-    active = driven if marked is None else bool(marked)
+    stated_active = prim.GetAttribute("twin:active").Get()
+    active = driven if stated_active is None else bool(stated_active)
     break_force = UsdPhysics.Joint(prim).GetBreakForceAttr().Get()
     breaks = np.inf if break_force is None else float(break_force)
     limits = (lower, upper)
     own_soft = prim.GetAttribute("twin:softLimits").Get()  # in m or rad
-    soft = None if marked is None else limits  # stages of others do not state soft limits
+    soft = None if stated_active is None else limits  # stages of others do not state soft limits
     if own_soft is not None:
         soft = float(own_soft[0]), float(own_soft[1])
     control = limits if active else None
     return FileDrive(
-        *(limits, active, stiffness, damping, effort, speed),
+        limits=limits,
+        driven=active,
+        stiffness=stiffness,
+        damping=damping,
+        effort=effort,
+        speed=speed,
         law=law,
         breaks=breaks,
         soft=soft,
@@ -372,15 +380,15 @@ def _motors(root: Usd.Prim) -> dict[str, FileMotor]:
     for name, values in stated.items():
         low, high = values.get("limits", (-np.inf, np.inf))
         motors[name] = FileMotor(
-            ratios.get(name),
-            str(values["kind"]),
-            (float(low), float(high)),
-            float(values.get("max_effort", np.inf)),
-            float(values.get("max_speed", np.inf)),
-            float(values.get("rotor_inertia", 0.0)),
-            float(values.get("stiffness", 0.0)),
-            float(values.get("damping", 0.0)),
-            "force",
+            row=ratios.get(name),
+            kind=str(values["kind"]),
+            limits=(float(low), float(high)),
+            effort=float(values.get("max_effort", np.inf)),
+            speed=float(values.get("max_speed", np.inf)),
+            inertia=float(values.get("rotor_inertia", 0.0)),
+            stiffness=float(values.get("stiffness", 0.0)),
+            damping=float(values.get("damping", 0.0)),
+            law="force",
         )
     return motors
 
