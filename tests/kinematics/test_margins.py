@@ -42,9 +42,9 @@ def rows_of(formula, model, run):
 
 
 def judged(formula, model, run):
-    from twin.reference.margin_zeros import Boundary
+    from twin.reference.margin_zeros import ZeroCheck
 
-    return {(r.name, r.kind): r for r in Boundary(model, rows_of(formula, model, run), run.x).judge()}
+    return {(r.name, r.kind): r for r in ZeroCheck(model, rows_of(formula, model, run), run.x).judge()}
 
 
 @pytest.mark.slow

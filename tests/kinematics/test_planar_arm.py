@@ -16,7 +16,7 @@ from twin.kinematics.margins import Margins
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
 from twin.reference.degeneracy import Degeneracy
-from twin.reference.margin_zeros import Boundary, Judged, disagreements
+from twin.reference.margin_zeros import JudgedRow, ZeroCheck, disagreements
 from twin.validation.cause import side_of
 
 A, B = 0.3, 0.2
@@ -75,7 +75,7 @@ def formula(longer=0.0, turned=0.0) -> Formula:
 def status(given: Formula) -> dict[str, str]:
     model = ReferenceModel(arm((Z, A), (Z, B)))
     run = model.collect(np.stack([np.linspace(-0.5, 1, 40), np.linspace(0.6, 1.6, 40)], 1))
-    found = Boundary(model, Margins(compile_formula(given), {"q1": True, "q2": True}, ()), run.x).judge()
+    found = ZeroCheck(model, Margins(compile_formula(given), {"q1": True, "q2": True}, ()), run.x).judge()
     return {r.name: r.status for r in found}
 
 
@@ -91,7 +91,7 @@ def test_an_arm_of_two_bars_is_at_the_end_of_its_reach_though_its_hand_can_turn(
 
 @pytest.mark.parametrize("kind", ["reach", "type1", "type2", "aspect"])
 def test_a_wrong_row_is_told_as_one_of_the_equations(kind):
-    (found,) = disagreements([Judged("far", "far", "margins", kind, "disagrees", "it is wrong", size=1.0)])
+    (found,) = disagreements([JudgedRow("far", "far", "margins", kind, "disagrees", "it is wrong", size=1.0)])
     assert side_of(found) == "equations"
 
 

@@ -29,7 +29,7 @@ from twin.reference import ReferenceModel
 from twin.reference.collision_pairs import Obstacle
 from twin.reference.follower import Follower
 from twin.reference.joint_space import JointSpace
-from twin.reference.relative_motion import Reach
+from twin.reference.relative_motion import GlobalMotionBounds
 
 ROOT = Path(__file__).parents[2]
 
@@ -211,7 +211,7 @@ def test_bodies_never_move_further_than_the_bound():
     corners = {b.name: b.meshes[0].vertices for b in model.mechanism.bodies if b.meshes}
     names = list(combinations(corners, 2))
     at = {n: (model.tree.body(n)[0], corners[n] @ (T := model.tree.body(n)[1])[:3, :3].T + T[:3, 3]) for n in corners}
-    bounds = Reach(model.tree, [(at[a], at[b]) for a, b in names]).bounds(np.zeros((1, 4)), np.zeros(4))
+    bounds = GlobalMotionBounds(model.tree, [(at[a], at[b]) for a, b in names]).bounds(np.zeros((1, 4)), np.zeros(4))
     rng = np.random.default_rng(1)
     tightest = 1.0
     for _ in range(200):

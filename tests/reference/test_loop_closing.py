@@ -148,7 +148,7 @@ def test_two_loops_that_change_their_modes_together_are_noticed():
 def test_levers_bound_the_approach_of_bodies_beyond_a_ball_joint():
     m, rng = model("sils"), np.random.default_rng(2)
     pairs, x = CollisionPairs(m, (), 5 * MM), m.home().x
-    assert pairs.levers is not None
+    assert pairs.local_bounds is not None
     rows = [k for k, pair in enumerate(pairs.rows) if "platform" in {pairs.shapes[i].name for i in pair}]
     assert len(rows) > 3
     for _ in range(3):

@@ -323,5 +323,5 @@ def test_a_stretched_bar_is_a_singularity_of_the_mechanism(sils):
     for height in (0.0, 60.0, 105.0):
         T = home.T_base_tool.copy()
         T[:3, 3] += [height * MM, 0, 0]
-        worst.append(float(conditioning(model, model.solve(kin.inverse(T)).x[None], 0.1).stands[0]))
+        worst.append(float(conditioning(model, model.solve(kin.inverse(T)).x[None], 0.1).type1[0]))
     assert worst[0] > worst[1] > worst[2]

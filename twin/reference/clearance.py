@@ -21,6 +21,9 @@ from twin.model.mechanism import Mechanism
 TOUCHING = 0.05 * MM
 """Distance in m up to which two parts of jointed bodies count as mating in the CAD (pin and bore, washer and eye)."""
 
+_JOINTED_INTERVAL = 5
+"""Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
+
 
 @dataclass(frozen=True)
 class Clearance:
@@ -207,35 +210,45 @@ def _contacts(
     for pair in sorted(jointed, key=sorted):
         a, b = sorted(pair)
         # All poses are relative to a, so only b moves.
-        T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_JOINTED_INTERVAL]
+        Ts_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_JOINTED_INTERVAL]
         rest_a = mechanism.rest.get(a, link_poses[a][0])
         rest_b = mechanism.rest.get(b, link_poses[b][0])
-        T_drawn = spatial.inverse(rest_a) @ rest_b
+        T_rest = spatial.inverse(rest_a) @ rest_b
         parts_a = _part_shapes(mechanism, a)
-        parts_b = _part_shapes(mechanism, b)
-        for part_b in parts_b:
-            corners_b = part_b.corners_in(T_a_b)
-            corners_drawn = part_b.corners_in(T_drawn[None])
-            drawn_low = corners_drawn[0].min(axis=0)
-            drawn_high = corners_drawn[0].max(axis=0)
-            from_drawn = _largest_shift(corners_b, corners_drawn)
+        for part_b in _part_shapes(mechanism, b):
             for part_a in parts_a:
-                corners_a = part_a.corners_in(np.eye(4)[None])[0]
-                gap = box_gap(corners_a.min(axis=0), corners_a.max(axis=0), drawn_low, drawn_high)
-                if from_drawn.max() < gap or frozenset((part_a.name, part_b.name)) in mating:
+                if frozenset((part_a.name, part_b.name)) in mating:
                     continue
-                gap = distance_between(part_a, part_b, np.eye(4), T_drawn)
-                if gap <= TOUCHING:
-                    continue
-                k = 0
-                travel = from_drawn
-                while travel[k:].max() >= gap > 0:
-                    k += int(np.argmax(travel[k:] >= gap))  # before this sample, b has moved too little to touch a
-                    gap = distance_between(part_a, part_b, np.eye(4), T_a_b[k])
-                    travel = _largest_shift(corners_b, corners_b[k])
-                if gap <= 0:
+                k = _first_contact(part_a, part_b, T_rest, Ts_a_b)
+                if k is not None:
                     contacts.append((k * _JOINTED_INTERVAL, part_a.name, part_b.name))
     return tuple(contacts)
+
+
+def _first_contact(a: Shape, b: Shape, T_rest: Array, Ts_a_b: Array) -> int | None:
+    """Return the first of the poses Ts_a_b (k, 4, 4) of b at which two parts collide; None if there is none.
+
+    Parts that touch in the rest pose T_rest (4, 4) of b mate, and are not judged. The distance is computed only at
+    poses to which b may have moved by as much as the last distance.
+    """
+    corners_a = a.corners_in(np.eye(4)[None])[0]
+    corners_b = b.corners_in(Ts_a_b)
+    rest_corners_b = b.corners_in(T_rest[None])[0]
+    travel = _largest_shift(corners_b, rest_corners_b)  # since the rest pose
+    gap = box_gap(corners_a.min(axis=0), corners_a.max(axis=0), rest_corners_b.min(axis=0), rest_corners_b.max(axis=0))
+    if travel.max() < gap:
+        return None
+    gap = distance_between(a, b, np.eye(4), T_rest)
+    if gap <= TOUCHING:
+        return None
+    k = 0
+    while travel[k:].max() >= gap > 0:
+        k += int(np.argmax(travel[k:] >= gap))  # before this pose, b has moved too little to touch a
+        gap = distance_between(a, b, np.eye(4), Ts_a_b[k])
+        travel = _largest_shift(corners_b, corners_b[k])
+    if gap > 0:
+        return None
+    return k
 
 
 def _part_shapes(mechanism: Mechanism, body: str) -> list[Shape]:
@@ -249,10 +262,6 @@ def _part_shapes(mechanism: Mechanism, body: str) -> list[Shape]:
 def _largest_shift(corners: Array, before: Array) -> Array:
     """Return the largest shift (k,) in m of a corner of (k, 8, 3) from the corners `before`: no point moves farther."""
     return np.linalg.norm(corners - before, axis=-1).max(axis=-1)
-
-
-_JOINTED_INTERVAL = 5
-"""Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
 
 
 def _travel(a: Shape, b: Shape, link_poses: Mapping[str, Array], since: int = 0) -> Array:

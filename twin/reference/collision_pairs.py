@@ -21,7 +21,7 @@ from twin.model.body import Body
 from twin.reference.clearance import TOUCHING, Shape, distance_between, placed, unjointed_pairs
 from twin.reference.distance_bounds import Bounds
 from twin.reference.model import ReferenceModel
-from twin.reference.relative_motion import Levers, Reach
+from twin.reference.relative_motion import GlobalMotionBounds, LocalMotionBounds
 
 _HULL_DISTANCE_ERROR = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
@@ -114,7 +114,7 @@ class CollisionPairs:
         box_pairs = []
         for a, b in self.rows:
             box_pairs.append((placed_boxes[a], placed_boxes[b]))
-        self.reach = Reach(self._tree, box_pairs)
+        self.global_bounds = GlobalMotionBounds(self._tree, box_pairs)
         diagonals = []
         sums = []
         for shape in self.shapes:
@@ -180,8 +180,8 @@ class CollisionPairs:
         if nq != nv:
             return {}
         at_rest = np.zeros(nv)
-        bounds = self.reach.bounds(np.full((1, nq), 0.0), at_rest)
-        extended = self.reach.bounds(np.full((1, nq), 1.0), at_rest)
+        bounds = self.global_bounds.bounds(np.full((1, nq), 0.0), at_rest)
+        extended = self.global_bounds.bounds(np.full((1, nq), 1.0), at_rest)
         turns = {}
         for pair, (a, b) in enumerate(self.rows):
             moving = np.flatnonzero(moves[a] != moves[b])
@@ -207,11 +207,11 @@ class CollisionPairs:
         return joints[:, self._joint_numbers] @ self._Ts_joint_shape
 
     @cached_property
-    def levers(self) -> Levers | None:
+    def local_bounds(self) -> LocalMotionBounds | None:
         """Bounds of motion around a state; None if a joint of the tree is neither revolute, prismatic nor spherical."""
-        if not Levers.possible(self._tree):
+        if not LocalMotionBounds.possible(self._tree):
             return None
-        return Levers(self._tree, self._joint_numbers, self.rows)
+        return LocalMotionBounds(self._tree, self._joint_numbers, self.rows)
 
     def around(self, X: Array, moved: Array) -> tuple[Array, Array]:
         """Return (`poses(X)`, bounds (k, pairs) in m of the relative motion of each pair) around X (k, nq).
@@ -222,11 +222,11 @@ class CollisionPairs:
         """
         joints = self._tree.place(X)
         poses = joints[:, self._joint_numbers] @ self._Ts_joint_shape
-        if self.levers is None:
-            bounds = self.reach.bounds(X, moved.max(axis=0))
+        if self.local_bounds is None:
+            bounds = self.global_bounds.bounds(X, moved.max(axis=0))
             return poses, np.einsum("kj,pj->kp", moved, bounds)
         centres, _ = self._boxes(poses)
-        return poses, self.levers.bounds(joints, centres, self._radii, moved).T
+        return poses, self.local_bounds.bounds(joints, centres, self._radii, moved).T
 
     def _boxes(self, poses: Array) -> tuple[Array, Array]:
         """Return centres and half edges (shapes, 3, k) in m of boxes along the axes of base around the shapes."""

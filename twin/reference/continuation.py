@@ -39,7 +39,7 @@ class LoopContinuation:
         self.X = np.zeros((0, model.tree.model.nq))
         self._q = np.zeros((0, 0))
         self._gain = np.zeros((0, 0, 0))  # of the last step
-        self._half_change = np.zeros((0, 0, 0))  # half of its change in the last step
+        self._half_gain_change = np.zeros((0, 0, 0))  # half of its change in the last step
         self._pseudoinverse = np.zeros((0, 0, 0))
 
     def motion(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
@@ -55,7 +55,7 @@ class LoopContinuation:
         """
         if not len(self.X):
             self._begin(q)
-        X, is_solved = self._near(q)
+        X, is_solved = self._predicted_or_solved(q)
         model = self._model
         tree = model.tree
         loops = tree.loops
@@ -63,23 +63,23 @@ class LoopContinuation:
         T0, T = loops.relative(poses)
         r, A = loops.evaluate_at(X, T0, T, J)
         # a row whose Jacobian is not yet accurate is corrected once more before
-        is_rough = _open(r)
+        is_rough = _is_open(r)
         if is_rough.any():
-            X[is_rough] = self._moved(X[is_rough], self._pseudoinverse[is_rough], r[is_rough])
+            X[is_rough] = self._corrected(X[is_rough], self._pseudoinverse[is_rough], r[is_rough])
             poses, J = tree.update(X, closing_only=True)
             T0, T = loops.relative(poses)
             r, A = loops.evaluate_at(X, T0, T, J)
-        is_open = _open(r)
+        is_open = _is_open(r)
         if is_open.any():
             X[is_open] = model.follow(self.X[is_open], q[is_open])
             poses, J = tree.update(X, closing_only=True)
             T0, T = loops.relative(poses)
             r, A = loops.evaluate_at(X, T0, T, J)
         pseudoinverse = self._pseudoinverses(A)
-        self.X = self._moved(X, pseudoinverse, r)
+        self.X = self._corrected(X, pseudoinverse, r)
         gain = loop_rates.gains_of(tree, A, pseudoinverse)
-        self._half_change = (gain - self._gain) / 2
-        self._half_change[is_solved | is_open] = 0.0
+        self._half_gain_change = (gain - self._gain) / 2
+        self._half_gain_change[is_solved | is_open] = 0.0
         self._q = np.array(q, float)
         self._pseudoinverse = pseudoinverse
         self._gain = gain
@@ -97,12 +97,12 @@ class LoopContinuation:
         _, A = model.loops_only(self.X, np.arange(len(q)))
         self._pseudoinverse = loop_rates.pseudoinverse_of(model.tree, A)
         self._gain = loop_rates.gains_of(model.tree, A, self._pseudoinverse)
-        self._half_change = np.zeros_like(self._gain)
+        self._half_gain_change = np.zeros_like(self._gain)
         self._q = np.array(q, float)
 
-    def _near(self, q: Array) -> tuple[Array, np.ndarray]:
+    def _predicted_or_solved(self, q: Array) -> tuple[Array, np.ndarray]:
         """Return states (k, nq) at q (k, n), and (k,) bool: whether Newton's method solved a row; else predicted."""
-        steps = _times(self._gain + self._half_change, q - self._q)
+        steps = _times(self._gain + self._half_gain_change, q - self._q)
         X = self._model.tree.step(self.X, steps)
         solved = np.maximum.reduce(np.abs(steps), axis=1, initial=0.0) > _LONGEST_PREDICTED_STEP
         if solved.any():
@@ -124,13 +124,13 @@ class LoopContinuation:
             return loop_rates.pseudoinverse_of(self._model.tree, A)
         pseudoinverse = inverses @ Pt
         pseudoinverse += (np.eye(P.shape[2]) - pseudoinverse @ P) @ pseudoinverse
-        condition = _size(squares) * _size(inverses)
-        poor = ~(condition <= _LARGEST_CONDITION)  # NaN counts as poor
-        if poor.any():
-            pseudoinverse[poor] = loop_rates.pseudoinverse_of(self._model.tree, A[poor])
+        condition = _norms(squares) * _norms(inverses)
+        is_ill_conditioned = ~(condition <= _LARGEST_CONDITION)  # also where it is NaN
+        if is_ill_conditioned.any():
+            pseudoinverse[is_ill_conditioned] = loop_rates.pseudoinverse_of(self._model.tree, A[is_ill_conditioned])
         return pseudoinverse
 
-    def _moved(self, X: Array, pseudoinverse: Array, r: Array) -> Array:
+    def _corrected(self, X: Array, pseudoinverse: Array, r: Array) -> Array:
         """Return configurations X (k, nq) with passive joints moved against the residuals r (k, m)."""
         tree = self._model.tree
         steps = np.zeros((len(X), tree.model.nv))
@@ -138,12 +138,12 @@ class LoopContinuation:
         return tree.step(X, steps)
 
 
-def _open(r: Array) -> np.ndarray:
+def _is_open(r: Array) -> np.ndarray:
     """Return (k,) bool: whether the largest of the residuals r (k, m) is above `_SMALL_RESIDUAL`, or not a number."""
     return ~(np.maximum.reduce(np.abs(r), axis=1, initial=0.0) <= _SMALL_RESIDUAL)
 
 
-def _size(matrices: Array) -> Array:
+def _norms(matrices: Array) -> Array:
     """Return the Frobenius norms (k,) of matrices (k, i, j)."""
     return np.sqrt(np.add.reduce(matrices * matrices, axis=(1, 2)))
 

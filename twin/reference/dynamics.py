@@ -75,12 +75,12 @@ class Dynamics:
         self.model = mechanism
         self.mechanism = m = mechanism.mechanism
         self._tree = mechanism.tree
-        self._pin = pin.Model(self._tree.model)
-        self._pin.gravity.linear = np.asarray(m.gravity, float)
-        self._data = self._pin.createData()
+        self._model_with_masses = pin.Model(self._tree.model)
+        self._model_with_masses.gravity.linear = np.asarray(m.gravity, float)
+        self._data = self._model_with_masses.createData()
         self._active_places = self._tree.active_places
-        nv = self._pin.nv
-        self._upper = np.triu(np.ones((nv, nv)), 1) + 0.5 * np.eye(nv)  # half of the diagonal; see `_tree_mass`
+        nv = self._model_with_masses.nv
+        self._upper_weights = np.triu(np.ones((nv, nv)), 1) + 0.5 * np.eye(nv)  # half of the diagonal; see `_tree_mass`
         self._has_loops = bool(m.loops)  # couplings alone are linear: their gain is constant
         self.friction = self._per_joint("friction", friction)
         rotor_inertia: dict[str, float] = {}
@@ -122,7 +122,7 @@ class Dynamics:
         if self._has_loops:
             return self.model.solve(q).x
         x = self._home.copy()
-        x[self._followers] += self._follow @ (q - x[self._active_places])
+        x[self._followers] += self._follower_gain @ (q - x[self._active_places])
         x[self._active_places] = q
         return x
 
@@ -142,7 +142,7 @@ class Dynamics:
             return self.model.run(q).Ts_base_tool
         X = np.tile(self._home, (len(q), 1))
         change = q - X[:, self._active_places]
-        X[:, self._followers] += change @ self._follow.T
+        X[:, self._followers] += change @ self._follower_gain.T
         X[:, self._active_places] = q
         poses, _ = self._tree.update(X, closing_only=True)
         return self._tree.tool(poses)
@@ -159,7 +159,7 @@ class Dynamics:
     def gravity(self, at: State) -> Array:
         """Return g (n,): the efforts that keep a state at rest; a joint without drive or loop counts as fixed."""
         x = self.configuration(at)
-        tree_efforts = np.array(pin.computeGeneralizedGravity(self._pin, self._data, x))
+        tree_efforts = np.array(pin.computeGeneralizedGravity(self._model_with_masses, self._data, x))
         return self._gain(x).T @ tree_efforts
 
     def coriolis(self, at: State, qd: ArrayLike) -> Array:
@@ -192,14 +192,14 @@ class Dynamics:
         x = self.configuration(at)
         qd = np.asarray(qd, float)
         V = qd @ self._gain(x).T
-        bodies = float(pin.computeKineticEnergy(self._pin, self._data, x, V))
+        bodies = float(pin.computeKineticEnergy(self._model_with_masses, self._data, x, V))
         rotors = 0.5 * float(qd @ self.rotor @ qd)
-        potential = float(pin.computePotentialEnergy(self._pin, self._data, x))
+        potential = float(pin.computePotentialEnergy(self._model_with_masses, self._data, x))
         return bodies + rotors, potential
 
     def _inverse_at(self, x: Array, V: Array, Vd: Array, G: Array, qd: Array, qdd: Array) -> Array:
         """Return the joint efforts (n,) for velocities V and accelerations Vd (nv,) of the tree, with gain G."""
-        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, Vd))
+        tree_efforts = np.array(pin.rnea(self._model_with_masses, self._data, x, V, Vd))
         return G.T @ tree_efforts + self.rotor @ qdd + self.friction * qd
 
     # -- internals ---------------------------------------------------------------------------------------
@@ -207,7 +207,7 @@ class Dynamics:
     def _gain(self, x: Array) -> Array:
         """Return G (nv, n): velocities of the tree per rate of each active joint."""
         if not self._has_loops:
-            return self._scatter
+            return self._constant_gain
         return self.model.gains(x[None])[0]
 
     def _mass(self, x: Array) -> Array:
@@ -218,14 +218,14 @@ class Dynamics:
 
     def _tree_mass(self, x: Array) -> Array:
         """Return the full mass matrix (nv, nv) of the tree; Pinocchio computes its upper half only."""
-        M = np.asarray(pin.crba(self._pin, self._data, x), float)
-        upper = self._upper * M.reshape(self._upper.shape)
+        M = np.asarray(pin.crba(self._model_with_masses, self._data, x), float)
+        upper = self._upper_weights * M.reshape(self._upper_weights.shape)
         return upper + upper.T
 
     def _newton_euler(self, x: Array, qd: Array, qdd: Array) -> Array:
         """Return the efforts (n,) at rates qd (n,) and accelerations qdd (n,), without rotors and friction."""
         if not self._has_loops:
-            G = self._scatter
+            G = self._constant_gain
             V = G @ qd
             Vd = G @ qdd
         else:
@@ -233,7 +233,7 @@ class Dynamics:
             V = Vs[0]
             Vd = changes[0]
             G = Gs[0]
-        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, Vd))
+        tree_efforts = np.array(pin.rnea(self._model_with_masses, self._data, x, V, Vd))
         return G.T @ tree_efforts
 
     def _determined(self, at: State) -> Array:
@@ -250,10 +250,10 @@ class Dynamics:
         return self.model.home().x
 
     @cached_property
-    def _scatter(self) -> Array:
+    def _constant_gain(self) -> Array:
         """G (nv, n), as returned by `_gain`, of a tree without loops: only couplings move passive joints."""
         if not self._tree.loops.names:
-            return np.eye(self._pin.nv)[:, self._tree.active]
+            return np.eye(self._model_with_masses.nv)[:, self._tree.active]
         return self.model.gains(self._home[None])[0]
 
     @cached_property
@@ -267,13 +267,13 @@ class Dynamics:
         return np.unique(followers).astype(int)
 
     @cached_property
-    def _follow(self) -> Array:
+    def _follower_gain(self) -> Array:
         """Matrix (followers, n): change of each joint in `_followers` per change of each active joint."""
         column: dict[int, int] = {}
         for coupling in self._tree.loops.couplings:
             column |= zip(coupling.places, coupling.columns, strict=True)
         columns = [column[place] for place in self._followers]
-        return self._scatter[columns]
+        return self._constant_gain[columns]
 
     @cached_property
     def _undetermined_joint(self) -> str:
@@ -293,10 +293,10 @@ class Dynamics:
         column = passive[int(np.argmax(contribution))]
         # the joint of this velocity index is the last one that begins at or before the index
         last = 1
-        for number in range(1, self._pin.njoints):
-            if self._pin.joints[number].idx_v <= column:
+        for number in range(1, self._model_with_masses.njoints):
+            if self._model_with_masses.joints[number].idx_v <= column:
                 last = number
-        return f"joint '{self._pin.names[last]}'"
+        return f"joint '{self._model_with_masses.names[last]}'"
 
 
 class SharedLoops:
@@ -328,9 +328,9 @@ class SharedLoops:
         first = self._models[0]
         if self._continuation is None:
             X = np.array([first.configuration(row) for row in q])
-            G = np.broadcast_to(first._scatter, (len(q), *first._scatter.shape))
-            V = qd @ first._scatter.T
-            Vd = qdd @ first._scatter.T
+            G = np.broadcast_to(first._constant_gain, (len(q), *first._constant_gain.shape))
+            V = qd @ first._constant_gain.T
+            Vd = qdd @ first._constant_gain.T
         else:
             V, Vd, G = self._continuation.motion(q, qd, qdd)
             X = self._continuation.X

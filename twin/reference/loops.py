@@ -18,13 +18,19 @@ AXES = ("offset x", "offset y", "offset z", "turn x", "turn y", "turn z", "sum")
 """Directions locked by rows of the residual: along and about the axes of the loop joint's frame on its parent body."""
 
 
+_SMALLEST_SINE = 1e-9
+"""Sine of a locked rotation up to which it does not determine the axis of the rotation."""
+
+_SMALLEST_DIVISOR = 1e-3
+"""Smallest sine by which the derivative of the axis is divided: near half a turn, the axis turns arbitrarily fast."""
+
 _ANGULAR_LINEAR_ANGULAR = np.array([3, 4, 5, 0, 1, 2, 3, 4, 5])
 _LINEAR_ANGULAR_ANGULAR = np.array([0, 1, 2, 3, 4, 5, 3, 4, 5])
 """Places of the parts of motion vectors whose cross products make up `cross_motions`."""
 
 
 @dataclass(frozen=True)
-class Coupled:
+class TreeCoupling:
     """A linear coupling of tree joints: the sum of `ratios` times joint values equals `total`, in rad or m.
 
     `places` are the configuration indices of the joints, `columns` their velocity indices. `angle`: whether the first
@@ -60,38 +66,46 @@ class Loops:
         joints: tuple[Joint, ...],
         body: Mapping[str, tuple[int, Array]],
         mask: Array,
-        couplings: tuple[Coupled, ...] = (),
+        couplings: tuple[TreeCoupling, ...] = (),
     ) -> None:
+        """Store where the frames of all loop joints are, and which rows of the residual exist.
+
+        Args:
+            joints: the loop joints.
+            body: {body: (number of the tree joint that carries it, its pose (4, 4) in the frame of this joint)}.
+            mask: (tree joints, nv) 1 where a velocity moves a tree joint, else 0.
+            couplings: the couplings of tree joints.
+        """
         self.joints = joints
         self.couplings = couplings
         names = []
-        ids = []
-        Ts_0 = []
-        Ts_1 = []
-        full = []
+        joint_numbers = []
+        Ts_parent_joint = []
+        Ts_child_joint = []
+        locks_rotation = []
         locked = []
         for joint in joints:
             names.append(joint.name)
-            parent_id, T_id_parent = body[joint.parent]
-            child_id, T_id_child = body[joint.child]
-            ids.append((parent_id, child_id))
-            Ts_0.append(T_id_parent @ joint.T_parent_joint)
-            Ts_1.append(T_id_child @ joint.T_child_joint)
-            full.append(joint.type in ("fixed", "prismatic"))
+            parent_number, T_joint_parent = body[joint.parent]
+            child_number, T_joint_child = body[joint.child]
+            joint_numbers.append((parent_number, child_number))
+            Ts_parent_joint.append(T_joint_parent @ joint.T_parent_joint)
+            Ts_child_joint.append(T_joint_child @ joint.T_child_joint)
+            locks_rotation.append(joint.type in ("fixed", "prismatic"))
             for axis in range(6):
                 locked.append(axis not in joint.free_axes)
         for coupling in couplings:
             names.append(coupling.name)
         self.names = tuple(names)
-        self._ids = np.array(ids, int).reshape(-1, 2)
-        self.joint_numbers = set(self._ids.reshape(-1).tolist())
-        self._T0 = _stack(Ts_0)
-        self._T1 = _stack(Ts_1)
+        self._joint_pairs = np.array(joint_numbers, int).reshape(-1, 2)
+        self.joint_numbers = set(self._joint_pairs.reshape(-1).tolist())
+        self._Ts_parent_joint = _stack(Ts_parent_joint)
+        self._Ts_child_joint = _stack(Ts_child_joint)
         # A velocity changes the gap of a loop if it moves one of the frames but not the other.
-        moved_0 = mask[self._ids[:, 0]]
-        moved_1 = mask[self._ids[:, 1]]
-        self._mask = (moved_1 - moved_0)[:, None, :]
-        self._locks_rotation = np.array(full, bool)
+        moved_0 = mask[self._joint_pairs[:, 0]]
+        moved_1 = mask[self._joint_pairs[:, 1]]
+        self._moving_sign = (moved_1 - moved_0)[:, None, :]
+        self._locks_rotation = np.array(locks_rotation, bool)
         self._locked = np.array(locked, bool)
         # Each loop has six possible rows, of which the locked ones remain; each coupling adds one row at the end.
         loop_of_row = np.repeat(np.arange(len(joints)), 6)[self._locked]
@@ -102,8 +116,8 @@ class Loops:
 
     def relative(self, poses: Array) -> tuple[Array, Array]:
         """Return (T_base_parent, T_parent_child) of the joint frames, each (k, loops, 4, 4)."""
-        Ts_base_parent = poses[:, self._ids[:, 0]] @ self._T0
-        Ts_base_child = poses[:, self._ids[:, 1]] @ self._T1
+        Ts_base_parent = poses[:, self._joint_pairs[:, 0]] @ self._Ts_parent_joint
+        Ts_base_child = poses[:, self._joint_pairs[:, 1]] @ self._Ts_child_joint
         return Ts_base_parent, spatial.inverse(Ts_base_parent) @ Ts_base_child
 
     def evaluate(self, X: Array, poses: Array, J: Array) -> tuple[Array, Array]:
@@ -127,7 +141,7 @@ class Loops:
         rates[..., :3, :3] = R0t
         rates[..., :3, 3:] = -(R0t @ spatial.hat(p0)) - spatial.hat(offset) @ R0t
         rates[..., 3:, 3:] = LENGTH_SCALE * (turn @ R0t)
-        A = rates @ (J[:, None] * self._mask)
+        A = rates @ (J[:, None] * self._moving_sign)
         A = A.reshape(k, 6 * count, nv)[:, self._locked]
         r = residual.reshape(k, 6 * count)[:, self._locked]
         if not self.couplings:
@@ -156,8 +170,8 @@ class Loops:
         base at the base origin, linear part first.
         """
         k, count = T.shape[:2]
-        pairs = twists[:, self._ids]  # (k, loops, 2, 6), of frames 0 and 1
-        bias_pairs = biases[:, self._ids]
+        pairs = twists[:, self._joint_pairs]  # (k, loops, 2, 6), of frames 0 and 1
+        bias_pairs = biases[:, self._joint_pairs]
         motions = np.zeros((k, count, 2, 2, 3))  # relative twist and acceleration; linear and angular part
         of_both = motions.reshape(k, count, 2, 6)
         of_both[:, :, 0] = pairs[:, :, 1] - pairs[:, :, 0]
@@ -298,9 +312,9 @@ def _continued_beyond_right_angle(sine: Array, turn: Array, cosine: Array) -> tu
     matrix = size[:, None, None]
     # At an angle of 180°, the sine does not determine the axis: use any axis.
     some_axis = np.eye(3)[0]
-    axis = np.where(column > 1e-9, sine / np.maximum(column, 1e-9), some_axis)
+    axis = np.where(column > _SMALLEST_SINE, sine / np.maximum(column, _SMALLEST_SINE), some_axis)
     along = cosine[:, None, None] * axis[:, :, None] * axis[:, None, :]
-    swing = (turn - along) / np.maximum(matrix, 1e-3)
+    swing = (turn - along) / np.maximum(matrix, _SMALLEST_DIVISOR)
     return axis * (2 - column), (2 - matrix) * swing - along
 
 

@@ -65,7 +65,7 @@ states may be in another assembly mode, or near a singularity.
 Status = Literal["agrees", "disagrees", "not judged"]
 
 
-class Stated(Protocol):
+class StatedRows(Protocol):
     """Rows of a formula (reach margins, singularity measures, aspects); see `twin.kinematics.margins.Margins`."""
 
     names: tuple[str, ...]
@@ -96,7 +96,7 @@ class Stated(Protocol):
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedRow:
     """Result of checking one margin, measure or aspect with the mechanism.
 
     Attributes:
@@ -118,10 +118,19 @@ class Judged:
     unit: str = ""
 
 
-class Boundary:
-    """Checks that the mechanism is degenerate where a margin or measure of a formula is zero."""
+class ZeroCheck:
+    """Checks that the mechanism is degenerate where a margin or measure of a formula is zero.
 
-    def __init__(self, model: ReferenceModel, stated: Stated, states: Array, error: float = ROUNDING) -> None:
+    Each row is judged by the first of these checks that decides it:
+
+    1. At known states: the value is defined; a margin is not negative; an aspect has its preferred sign; the value is
+       not constant; multiplying all lengths changes it as its dimension requires.
+    2. At zeros of the row, to which walks lead from known states with small values: the mechanism must be degenerate
+       there.
+    3. If no walk found a zero, walks that avoid singularities, then walks through other assembly modes.
+    """
+
+    def __init__(self, model: ReferenceModel, stated: StatedRows, states: Array, error: float = ROUNDING) -> None:
         """Set up the search.
 
         `stated` contains the margins and measures of the formula. The search begins around the configurations `states`
@@ -129,7 +138,7 @@ class Boundary:
         """
         self.model = model
         self.stated = stated
-        self._error = error
+        self._length_error = error
         sampled_states = states[spread(len(states), _MOST_STARTS)]
         run = model.collect(sampled_states)
         self._start_samples = run
@@ -144,19 +153,19 @@ class Boundary:
             self._no_result_reason = "there is no state at which the equations agree with the joint values"
             return
         random_states = _random_states(self.motions, self._valid, self._starts, seed=0)
-        self._pool = np.concatenate([self._starts, random_states])
-        self._values = self._values_at(self._pool)
-        self._size = _usual_sizes(self._values)
+        self._known_states = np.concatenate([self._starts, random_states])
+        self._values = self._values_at(self._known_states)
+        self._usual_sizes = _usual_sizes(self._values)
         # A measure goes through zero as the square root of a margin, and so does its error.
-        error_of_measures = np.sqrt(error / LENGTH_SCALE) * self._size
-        self._row_error = np.where(self._are_reach, error, error_of_measures)
+        error_of_measures = np.sqrt(error / LENGTH_SCALE) * self._usual_sizes
+        self._row_errors = np.where(self._are_reach, error, error_of_measures)
 
-    def judge(self) -> list[Judged]:
+    def judge(self) -> list[JudgedRow]:
         """Return the result for each row (margin, measure or aspect)."""
         rows = range(len(self.stated.names))
         if self._no_result_reason:
             return [self._result(i, "not judged", self._no_result_reason) for i in rows]
-        judged: dict[int, Judged] = {}
+        judged: dict[int, JudgedRow] = {}
         undecided = []
         for i in rows:
             result = self._at_known_states(i)
@@ -169,26 +178,26 @@ class Boundary:
 
     # -- checks at known states -------------------------------------------------------------------------------
 
-    def _at_known_states(self, i: int) -> Judged | None:
+    def _at_known_states(self, i: int) -> JudgedRow | None:
         """Check value, sign and dimension of row i at the known states; return None if these checks do not decide."""
         values = self._values[:, i]
         kind = self.stated.kinds[i]
         is_finite = np.isfinite(values)
         if not is_finite.all():
-            state = self._pool[int(np.argmin(is_finite))]
+            state = self._known_states[int(np.argmin(is_finite))]
             text = "the value is undefined at a state that the mechanism can reach"
             return self._result(i, "disagrees", text, state)
         if kind == "aspect":
             return self._judge_aspect(i)
-        if kind == "reach" and values.min() < -self._error:
+        if kind == "reach" and values.min() < -self._length_error:
             k = int(np.argmin(values))
             text = f"the value is {values[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
-            return self._result(i, "disagrees", text, self._pool[k], float(-values[k] / MM), "mm")
+            return self._result(i, "disagrees", text, self._known_states[k], float(-values[k] / MM), "mm")
         if np.ptp(values) <= _EQUAL_VALUES * np.abs(values).max():
             return self._judge_constant(i, float(values[0]))
         return self._wrong_dimension(i)
 
-    def _judge_aspect(self, i: int) -> Judged:
+    def _judge_aspect(self, i: int) -> JudgedRow:
         """Return whether the values of aspect i confirm its preferred sign in the working range."""
         preferred = self.stated.preferred[i]
         start_values = self._values[: len(self._starts), i]
@@ -200,9 +209,9 @@ class Boundary:
             return self._result(i, "agrees", text)
         k = int(np.argmin(signed))
         text = f"the value is {start_values[k]:.4g} in the working range; the preferred sign is {preferred:+d}"
-        return self._result(i, "disagrees", text, self._pool[k], float(abs(start_values[k])))
+        return self._result(i, "disagrees", text, self._known_states[k], float(abs(start_values[k])))
 
-    def _wrong_dimension(self, i: int) -> Judged | None:
+    def _wrong_dimension(self, i: int) -> JudgedRow | None:
         """Return the result of row i if it is no length, or no number without unit; None if its dimension is right.
 
         All lengths of the robot are multiplied by one factor: so must be a margin; a measure must stay the same.
@@ -217,7 +226,7 @@ class Boundary:
             factor = _LENGTH_FACTOR
             unit = "mm"
             unit_size = MM
-        larger = self.stated.values(self.model.collect(self._pool), _LENGTH_FACTOR)[:, i]
+        larger = self.stated.values(self.model.collect(self._known_states), _LENGTH_FACTOR)[:, i]
         deviation = np.abs(larger - values * factor)
         k = int(np.argmax(deviation))
         has_right_dimension = deviation[k] <= _EQUAL_VALUES * np.abs(values).max()
@@ -227,9 +236,9 @@ class Boundary:
         after = f"{larger[k] / unit_size:.4g} {unit}".rstrip()
         change = f"multiplying all lengths by {_LENGTH_FACTOR:g} changes it from {before} to {after}"
         text = f"the row is not a {what}: {change}"
-        return self._result(i, "disagrees", text, self._pool[k], float(deviation[k] / unit_size), unit)
+        return self._result(i, "disagrees", text, self._known_states[k], float(deviation[k] / unit_size), unit)
 
-    def _judge_constant(self, i: int, value: float) -> Judged:
+    def _judge_constant(self, i: int, value: float) -> JudgedRow:
         """Return the result of row i, which has one value at all known states."""
         if not self._are_reach[i]:
             text = f"the value is {value:.4g} at all states, so the row does not mark a singularity"
@@ -267,29 +276,29 @@ class Boundary:
 
     # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
-    def _by_walks(self, rows: list[int]) -> dict[int, Judged]:
+    def _by_walks(self, rows: list[int]) -> dict[int, JudgedRow]:
         """Return {row: result} of rows that are zero at no known state, by walks to zeros."""
         if not rows:
             return {}
         # of each row, the states with the smallest values first
         order = np.argsort(np.abs(self._values), axis=0)
-        count = len(self._pool)
+        count = len(self._known_states)
         starts = [order[0], order[count // 4]]
-        walks = [self._seek(rows, starts, aside=False, valid=self._valid, seed=0)]
+        walks = [self._walks_to_zeros(rows, starts, aside=False, valid=self._valid, seed=0)]
         lacking = self._without_zero(rows, walks)
         if lacking:
             # again from other states, turned away from singularities
             starts = [order[0], order[count // 20], order[count // 2]]
-            walks.append(self._seek(lacking, starts, aside=True, valid=self._valid, seed=1))
+            walks.append(self._walks_to_zeros(lacking, starts, aside=True, valid=self._valid, seed=1))
             lacking = self._without_zero(lacking, walks)
         beyond = []
         if lacking:
             # at last through states of other assembly modes
             starts = [order[0], order[count // 2]]
-            beyond = [self._seek(lacking, starts, aside=False, valid=_anywhere, seed=2)]
+            beyond = [self._walks_to_zeros(lacking, starts, aside=False, valid=_anywhere, seed=2)]
         return {i: self._verdict(i, walks, beyond) for i in rows}
 
-    def _seek(self, rows: list[int], picks: list[Index], aside: bool, valid: Valid, seed: int) -> Walks:
+    def _walks_to_zeros(self, rows: list[int], picks: list[Index], aside: bool, valid: Valid, seed: int) -> Walks:
         """Return walks to zeros of some rows, each from several states.
 
         Args:
@@ -303,7 +312,9 @@ class Boundary:
         # rows of `chosen`: the picks of one row after the other, as in `row`
         chosen = np.array(picks)[:, rows].T.ravel()
         are_aside = np.full(len(row), aside)
-        return walk_to_zeros(self.motions, self._values_at, valid, self._pool[chosen], row, are_aside, self._size, seed)
+        return walk_to_zeros(
+            self.motions, self._values_at, valid, self._known_states[chosen], row, are_aside, self._usual_sizes, seed
+        )
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
         """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
@@ -315,7 +326,7 @@ class Boundary:
         if not len(candidates):
             return candidates
         values = np.abs(self._values_at(candidates)[:, i])
-        return candidates[values <= NEARLY * self._size[i]]
+        return candidates[values <= NEARLY * self._usual_sizes[i]]
 
     def _without_zero(self, rows: list[int], walks: list[Walks]) -> list[int]:
         """Return those of the rows of which no walk found a zero."""
@@ -346,10 +357,10 @@ class Boundary:
             ends = walks.states
             ends_degenerate = self.motions.of(ends).min(axis=1) <= _DEGENERATE_SHARE
             values = self._values_at(ends)
-            is_zero = np.abs(values[:, i]) <= self._row_error[i]
+            is_zero = np.abs(values[:, i]) <= self._row_errors[i]
             # A measure has no value beyond the reach that the equations state.
             reach = values[:, self._are_reach]
-            is_just_beyond = ((reach < 0) & (reach >= -self._error)).any(axis=1)
+            is_just_beyond = ((reach < 0) & (reach >= -self._length_error)).any(axis=1)
             is_undefined = np.isnan(values[:, i]) & is_just_beyond
             is_degenerate[regular_rows] = ends_degenerate & (is_undefined | is_zero)
         return np.asarray(is_degenerate, bool)
@@ -358,7 +369,7 @@ class Boundary:
         """Return the distance (k, 1) from degeneracy."""
         return self.motions.of(states).min(axis=1)[:, None]
 
-    def _verdict(self, i: int, walks: list[Walks], beyond: list[Walks]) -> Judged:
+    def _verdict(self, i: int, walks: list[Walks], beyond: list[Walks]) -> JudgedRow:
         """Return the result of row i from the ends of walks; `beyond` may have gone through other assembly modes."""
         zeros = self._zeros(i, walks)
         if not len(zeros):
@@ -393,7 +404,7 @@ class Boundary:
         rates = self.stated.fails(self.model.collect(states))
         return bool((rates > _SINGULAR_RATE * usual).all())
 
-    def _without_result(self, i: int, walks: list[Walks]) -> Judged:
+    def _without_result(self, i: int, walks: list[Walks]) -> JudgedRow:
         """Return the result of row i, of which no walk found a zero, at the state with its smallest value."""
         ends = []
         for walk in walks:
@@ -404,14 +415,14 @@ class Boundary:
             text = f"the row was zero at no tested state; its smallest absolute value was {value:.4g}"
             return self._result(i, "not judged", text, x)
         size_mm = f"{value / MM:.4g} mm"
-        is_flat = gradient_norm < _FLAT_GRADIENT * max(value, self._size[i])
+        is_flat = gradient_norm < _FLAT_GRADIENT * max(value, self._usual_sizes[i])
         distance_of_tool = self.motions.of(x[None])[0, KINDS.index("tool")]
         if is_flat and distance_of_tool < _DEGENERATE_SHARE:
-            if value <= self._error:
+            if value <= self._length_error:
                 return self._result(i, "agrees", f"the mechanism reaches its limit where the margin is {size_mm}")
             other_margins = self._are_reach.copy()
             other_margins[i] = False
-            is_near_zero = np.abs(self._values_at(x[None])[0]) < _NEAR_ZERO * self._size
+            is_near_zero = np.abs(self._values_at(x[None])[0]) < _NEAR_ZERO * self._usual_sizes
             if not is_near_zero[other_margins].any():
                 text = (
                     f"the mechanism reaches its limit at a state where the margin is {size_mm}, not 0, and no other "
@@ -433,13 +444,13 @@ class Boundary:
 
     def _result(
         self, i: int, status: Status, why: str, x: Array | None = None, size: float | None = None, unit: str = ""
-    ) -> Judged:
+    ) -> JudgedRow:
         """Return the result of row i; `x` (nq,) is the configuration that is its example."""
         stated = self.stated
         at = ""
         if x is not None:
             at = self._joints_text(x)
-        return Judged(
+        return JudgedRow(
             name=stated.names[i],
             symbol=stated.symbols[i],
             equation=stated.equations[i],
@@ -463,7 +474,7 @@ class Boundary:
         return ", ".join(texts)
 
 
-def summary(rows: list[Judged]) -> str:
+def summary(rows: list[JudgedRow]) -> str:
     """Return, as text, the number of checked rows, and the unchecked rows with their reasons."""
     reasons = []
     for row in rows:
@@ -475,20 +486,20 @@ def summary(rows: list[Judged]) -> str:
     return f"{text}; not judged: {'; '.join(reasons)}"
 
 
-_WHAT = {"reach": "margin of reach", "aspect": "aspect"}
+_NOUN_OF_KIND = {"reach": "margin of reach", "aspect": "aspect"}
 """What a row of a kind is; a row of another kind is a singularity measure."""
 
 
-def disagreements(rows: list[Judged]) -> list[Finding]:
+def disagreements(rows: list[JudgedRow]) -> list[Finding]:
     """Return a finding for each row that the mechanism contradicts."""
     findings = []
     for row in rows:
         if row.status != "disagrees":
             continue
-        what = "singularity measure"
+        noun = "singularity measure"
         code = "singularity"  # type1 and type2 have one code
-        if row.kind in _WHAT:
-            what = _WHAT[row.kind]
+        if row.kind in _NOUN_OF_KIND:
+            noun = _NOUN_OF_KIND[row.kind]
             code = row.kind
         where = row.symbol
         if row.equation:
@@ -499,7 +510,7 @@ def disagreements(rows: list[Judged]) -> list[Finding]:
         finding = disagreement(
             f"margin.{code}",
             where,
-            f"{what} '{row.name}' (row {row.symbol}): {row.why}",
+            f"{noun} '{row.name}' (row {row.symbol}): {row.why}",
             size,
             suggestion="`twin explain` shows the line of this row",
             when=row.at,

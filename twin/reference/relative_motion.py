@@ -20,26 +20,26 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports] - installed bes
 from twin.core.spatial import Array
 from twin.reference.tree import Tree
 
-Placed = tuple[int, Array]
+PlacedVertices = tuple[int, Array]
 """(number of the Pinocchio joint that carries a body, 0 if at rest; vertices (m, 3) in the frame of this joint)."""
 
 
 _BALL = "JointModelSpherical"
 
 
-class Reach:
-    """Upper bounds of the relative motion of pairs of bodies, per m or rad of each coordinate."""
+class GlobalMotionBounds:
+    """Upper bounds of the relative motion of pairs of bodies at any joint values, per m or rad of each coordinate."""
 
-    def __init__(self, tree: Tree, pairs: Sequence[tuple[Placed, Placed]]) -> None:
+    def __init__(self, tree: Tree, pairs: Sequence[tuple[PlacedVertices, PlacedVertices]]) -> None:
         self._tree = tree
         model = tree.model
-        self._fixed = np.zeros((len(pairs), model.nv))
+        self._fixed_rho = np.zeros((len(pairs), model.nv))
         # (Pinocchio number of a slide, mask (pairs, nv) of affected rho)
         self._slides: list[tuple[int, Array]] = []
-        adds: dict[int, Array] = {}
+        slide_masks: dict[int, Array] = {}
         for number in range(1, model.njoints):
-            if _slides(model, number) and model.joints[number].nq == 1:
-                adds[number] = np.zeros_like(self._fixed)
+            if _is_slide(model, number) and model.joints[number].nq == 1:
+                slide_masks[number] = np.zeros_like(self._fixed_rho)
         for row, (a, b) in enumerate(pairs):
             for body, partner in ((a, b), (b, a)):
                 number, vertices = body
@@ -47,10 +47,10 @@ class Reach:
                 for j in self._above(number):
                     if partner_number and self._tree.moves(partner_number)[model.joints[j].idx_v]:
                         continue  # the joint moves both bodies
-                    self._fill(row, j, number, vertices, adds)
-        for number, affected in adds.items():
-            if affected.any():
-                self._slides.append((number, affected))
+                    self._add_rho(row, j, number, vertices, slide_masks)
+        for number, mask in slide_masks.items():
+            if mask.any():
+                self._slides.append((number, mask))
 
     def _above(self, number: int) -> list[int]:
         """Return the joint `number` and all joints between this joint and the base."""
@@ -60,16 +60,16 @@ class Reach:
             number = self._tree.model.parents[number]
         return joints_above
 
-    def _fill(self, row: int, j: int, number: int, vertices: Array, adds: dict[int, Array]) -> None:
+    def _add_rho(self, row: int, j: int, number: int, vertices: Array, slide_masks: dict[int, Array]) -> None:
         """Add the rho of joint `j` for the body of joint `number`, with its `vertices`, to row `row`.
 
-        `adds` holds, by the number of each slide, the mask (pairs, nv) of the rho that its extension increases.
+        `slide_masks` holds, by the number of each slide, the mask (pairs, nv) of the rho that its extension increases.
         """
         model = self._tree.model
         joint = model.joints[j]
         columns = slice(joint.idx_v, joint.idx_v + joint.nv)
-        if _slides(model, j) and joint.nv == 1:
-            self._fixed[row, columns] += 1.0
+        if _is_slide(model, j) and joint.nv == 1:
+            self._fixed_rho[row, columns] += 1.0
             return
         above = self._above(number)
         between = above[: above.index(j)][::-1]  # in outward order from j
@@ -90,34 +90,34 @@ class Reach:
         size = np.full(joint.nv, rho)
         if joint.nv == 6:
             size[:3] = 1.0  # translations of a free joint
-        self._fixed[row, columns] += size
+        self._fixed_rho[row, columns] += size
         for k in between:
-            if k in adds:
-                adds[k][row, columns] += 1.0
+            if k in slide_masks:
+                slide_masks[k][row, columns] += 1.0
 
-    def bounds(self, X: Array, ahead: Array) -> Array:
+    def bounds(self, X: Array, beyond: Array) -> Array:
         """Return bounds (pairs, nv) in m: relative motion of each pair per m or rad of each coordinate.
 
         Args:
             X: (k, nq) configurations along the motion.
-            ahead: (nv,) in m or rad, how far each coordinate may move beyond its range in X.
+            beyond: (nv,) in m or rad, how far each coordinate may move beyond its range in X.
         """
         joints = self._tree.model.joints
-        bounds = self._fixed.copy()
-        for number, affected in self._slides:
+        bounds = self._fixed_rho.copy()
+        for number, mask in self._slides:
             slide = joints[number]
-            extension = np.abs(X[:, slide.idx_q]).max() + ahead[slide.idx_v]
-            bounds += affected * extension
+            extension = np.abs(X[:, slide.idx_q]).max() + beyond[slide.idx_v]
+            bounds += mask * extension
         return bounds
 
 
-class Levers:
-    """Bounds of the relative motion of pairs of bodies around given states; much smaller than those of `Reach`.
+class LocalMotionBounds:
+    """Bounds of the relative motion of pairs of bodies around given states, much smaller than `GlobalMotionBounds`.
 
     All joints of the tree must be revolute, prismatic or ball joints. In a state, let rho be the distance of a body's
     farthest point from an axis, or from the centre of a ball joint. While the joints between axis and body move the
-    body by at most S, rho grows by at most S. Therefore S is summed from the body to the base: a rotation by dx adds
-    (rho + S) dx to S, a translation adds dx.
+    body by at most S, rho grows by at most S. Therefore S is summed from the body to the base: a rotation by dx
+    adds (rho + S) dx to S, a translation adds dx.
     """
 
     def __init__(self, tree: Tree, numbers: np.ndarray, pairs: np.ndarray) -> None:
@@ -137,7 +137,7 @@ class Levers:
                 joint = model.parents[joint]
         shared = above[pairs[:, 0]] & above[pairs[:, 1]]
         last_shared = model.njoints - 1 - np.argmax(shared[:, ::-1], axis=1)
-        highest = np.where(shared.any(axis=1), last_shared, 0)
+        last_shared_joint = np.where(shared.any(axis=1), last_shared, 0)
         self._joints, self._bodies = np.nonzero(above.T)
         self._columns = np.zeros(model.njoints, int)
         self._balls = np.zeros(model.njoints, bool)
@@ -145,14 +145,14 @@ class Levers:
             self._columns[number] = joint.idx_v
             self._balls[number] = joint.shortname() == _BALL
         # by joint: the pairs whose last common joint it is, its rows in `_joints`, and whether it rotates
-        self._pairs: list[np.ndarray] = []
-        self._moved: list[np.ndarray] = []
-        self._turn: list[bool] = []
+        self._pairs_parting_at: list[np.ndarray] = []
+        self._rows_of_joint: list[np.ndarray] = []
+        self._rotates: list[bool] = []
         for number in range(model.njoints):
-            self._pairs.append(np.flatnonzero(highest == number))
-            self._moved.append(np.flatnonzero(self._joints == number))
-            self._turn.append(number > 0 and not _slides(model, number))
-        self._rows = pairs
+            self._pairs_parting_at.append(np.flatnonzero(last_shared_joint == number))
+            self._rows_of_joint.append(np.flatnonzero(self._joints == number))
+            self._rotates.append(number > 0 and not _is_slide(model, number))
+        self._body_pairs = pairs
 
     @staticmethod
     def possible(tree: Tree) -> bool:
@@ -185,24 +185,25 @@ class Levers:
             along[self._joints == number] = 0.0
         across = np.maximum((offsets * offsets).sum(axis=1) - along**2, 0.0)
         rho = np.sqrt(across) + radii[self._bodies, None]
-        total = np.zeros((len(radii), len(joints)))  # S of each body
-        bounds = np.zeros((len(self._rows), len(joints)))
+        total = np.zeros((len(radii), len(joints)))  # S of each body, so far
+        bounds = np.zeros((len(self._body_pairs), len(joints)))
         # from the bodies to the base; 0 is the base, which does not move
         for number in range(len(self._columns) - 1, -1, -1):
-            pairs = self._pairs[number]
+            pairs = self._pairs_parting_at[number]
             if len(pairs):
-                a, b = self._rows[pairs].T
+                a, b = self._body_pairs[pairs].T
                 bounds[pairs] = total[a] + total[b]
             if not number:
                 break
-            which = self._moved[number]
-            bodies = self._bodies[which]
-            lever = 1.0
-            if self._turn[number]:
-                lever = rho[which] + total[bodies]
-            total[bodies] += steps[number] * lever
+            rows_of_joint = self._rows_of_joint[number]
+            bodies = self._bodies[rows_of_joint]
+            motion_per_step = 1.0
+            if self._rotates[number]:
+                motion_per_step = rho[rows_of_joint] + total[bodies]
+            total[bodies] += steps[number] * motion_per_step
         return bounds
 
 
-def _slides(model: pin.Model, number: int) -> bool:
+def _is_slide(model: pin.Model, number: int) -> bool:
+    """Return whether a joint of Pinocchio, given by its number, is a translation along z."""
     return model.joints[number].shortname() == "JointModelPZ"

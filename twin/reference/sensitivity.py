@@ -12,6 +12,12 @@ from twin.model.joint import Joint
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 
+_RELATIVE_ZERO = 1e-9
+"""Singular values of the loop Jacobian below this fraction of the largest one count as zero."""
+
+_SINGLE_PRECISION = 2.0**-24
+"""Relative precision of a float32."""
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -28,7 +34,7 @@ class Sensitivity:
     worst_joint: str
 
 
-def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> Sensitivity:
+def of_rounding(model: ReferenceModel, x: Array, epsilon: float = _SINGLE_PRECISION) -> Sensitivity:
     """Return the tool error at configuration x (nq,) if joint frames are stored with relative precision epsilon.
 
     Each position coordinate and each component of the unit quaternion of a frame has an error of at most half a unit in
@@ -45,7 +51,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
         links[body.name] = poses[0, number] @ T_joint_body
     # Change of the passive joints: d(passive) = -pinv(A_passive) d(residual).
     A_passive = A[0][:, tree.passive]
-    give = J_tool[:, tree.passive] @ np.linalg.pinv(A_passive, rcond=1e-9)
+    tool_per_residual = J_tool[:, tree.passive] @ np.linalg.pinv(A_passive, rcond=_RELATIVE_ZERO)
 
     by_joint: dict[str, Array] = {}
     for joint in model.mechanism.joints:
@@ -54,7 +60,7 @@ def of_rounding(model: ReferenceModel, x: Array, epsilon: float = 2.0**-24) -> S
         for name, T_body_joint in sides:
             frame = links[name] @ T_body_joint
             for twist in _roundings(T_body_joint, epsilon):
-                effect = _effect(model, joint, frame, twist, links, T_tool, give)
+                effect = _effect(model, joint, frame, twist, links, T_tool, tool_per_residual)
                 effects.append(effect)
         by_joint[joint.name] = np.array(effects)
     effects_of_all = np.concatenate(list(by_joint.values()))
@@ -105,16 +111,26 @@ def _effect(
     twist: Array,
     links: dict[str, Array],
     T_tool: Array,
-    give: Array,
+    tool_per_residual: Array,
 ) -> Array:
-    """Return the tool's small motion (6,) in base if a joint's child side moves by a twist in the joint's frame."""
+    """Return the tool's small motion (6,) in base if a joint's child side moves by a twist in the joint's frame.
+
+    Args:
+        model: the mechanism's model.
+        joint: the joint.
+        frame: pose (4, 4) of the joint's frame in base.
+        twist: (6,) small motion in the axes of this frame, linear part first.
+        links: {body: pose (4, 4) in base}.
+        T_tool: pose (4, 4) of the tool in base.
+        tool_per_residual: (6, m) motion of the tool by the passive joints that cancel a residual of the loops.
+    """
     loops = model.tree.loops
     R = frame[:3, :3]
     p = frame[:3, 3]
     v = R @ twist[:3]  # velocity of the point p
     w = R @ twist[3:]
     outboard = _outboard(model, joint)
-    direct = np.zeros(6)
+    direct = np.zeros(6)  # with the passive joints at rest
     if model.mechanism.frame(model.mechanism.tool).body in outboard:
         v_tool = v + np.cross(w, T_tool[:3, 3] - p)
         direct = np.concatenate([v_tool, w])
@@ -135,7 +151,7 @@ def _effect(
         locked_axes = [axis for axis in range(6) if axis not in loop.free_axes]
         rows.append(row[locked_axes])
     rows.append(np.zeros(len(loops.couplings)))  # couplings have no frames
-    return direct - give @ np.concatenate(rows)
+    return direct - tool_per_residual @ np.concatenate(rows)
 
 
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:

@@ -12,7 +12,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference.loops import Coupled, Loops, cross_motions, cross_products, point_acceleration
+from twin.reference.loops import Loops, TreeCoupling, cross_motions, cross_products, point_acceleration
 
 _JOINT_MODELS = {
     "revolute": pin.JointModelRZ,
@@ -175,7 +175,7 @@ class Tree:
             views_of[closing_only] = views
         return views_of
 
-    def _coupled(self) -> tuple[Coupled, ...]:
+    def _coupled(self) -> tuple[TreeCoupling, ...]:
         couplings = []
         for coupling in self.mechanism.couplings:
             columns = []
@@ -191,7 +191,7 @@ class Tree:
             ratios = np.array(coupling.ratios)
             angle = self.mechanism.joint(coupling.joints[0]).is_angle
             indices = (np.array(places, int), np.array(columns, int))
-            couplings.append(Coupled(coupling.name, *indices, ratios, coupling.total, angle))
+            couplings.append(TreeCoupling(coupling.name, *indices, ratios, coupling.total, angle))
         return tuple(couplings)
 
     def _support_masks(self) -> Array:

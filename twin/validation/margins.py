@@ -19,7 +19,7 @@ from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
-from twin.reference.margin_zeros import Boundary, disagreements, summary
+from twin.reference.margin_zeros import ZeroCheck, disagreements, summary
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.residual_rows import SampleClock, Tolerances
 
@@ -132,8 +132,8 @@ def mechanism_margins(
     facts: dict[str, str] = {}
     findings: list[Finding] = []
     for name, values, words in (
-        ("mechanism, tool at rest (type 1)", conditions.stands, "the joints move and the tool is at rest"),
-        ("mechanism, drives at rest (type 2)", conditions.moves, "the tool moves while every drive is at rest"),
+        ("mechanism, tool at rest (type 1)", conditions.type1, "the joints move and the tool is at rest"),
+        ("mechanism, drives at rest (type 2)", conditions.type2, "the tool moves while every drive is at rest"),
     ):
         if np.isnan(values).all():  # the tool is on a body that never moves
             continue
@@ -147,7 +147,7 @@ def mechanism_margins(
                 )
             )
     findings += _passive_jumps(model, posed, at)
-    return facts, findings, {"conditioning.type1": conditions.stands, "conditioning.type2": conditions.moves}
+    return facts, findings, {"conditioning.type1": conditions.type1, "conditioning.type2": conditions.type2}
 
 
 def _passive_jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list[Finding]:
@@ -207,7 +207,7 @@ def check_equations_margins(
     is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
     error = tolerances.position
     margins = Margins(kin, is_angle, tuple(run.points), error)
-    rows = Boundary(model, margins, run.x, error).judge()
+    rows = ZeroCheck(model, margins, run.x, error).judge()
     comparison.facts[heading] = {"rows judged": summary(rows)}
     comparison.findings += disagreements(rows)
 

@@ -142,8 +142,8 @@ def _regularity(model: ReferenceModel, state: Assembly) -> float:
     if not model.mechanism.active:
         return np.inf
     measures = conditioning(model, state.x[None], LENGTH_SCALE)
-    moving = measures.moves[0]
-    standing = np.nan_to_num(measures.stands[0])  # NaN where no joint moves the tool
+    moving = measures.type2[0]
+    standing = np.nan_to_num(measures.type1[0])  # NaN where no joint moves the tool
     return float(min(standing, moving))
 
 

@@ -18,7 +18,7 @@ from twin.formula.contract import unread
 from twin.formula.scalar import Value
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
-from twin.reference.margin_zeros import Boundary, Judged
+from twin.reference.margin_zeros import JudgedRow, ZeroCheck
 from twin.validation.explain.equation_steps import Step
 from twin.validation.explain.judged_states import compiled_kinematics
 from twin.validation.explain.row_deviations import Judge
@@ -33,13 +33,13 @@ class Coverage:
     unjudged: tuple[str, ...]
 
 
-def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
+def coverage(judge: Judge, margin_results: Sequence[JudgedRow]) -> Coverage:
     """Return the coverage of all rows; `margin_results` are those of `check_margins`."""
     compared: set[tuple[str, str]] = set()
     for place in judge.residuals:
         compared.add((place.equation, place.symbol))
     judged_margins: set[tuple[str, str]] = set()
-    unjudged_margins: dict[tuple[str, str], Judged] = {}
+    unjudged_margins: dict[tuple[str, str], JudgedRow] = {}
     for result in margin_results:
         row = (result.equation, result.symbol)
         if result.status == "not judged":
@@ -64,7 +64,7 @@ def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
     return Coverage(rows, tuple(texts))
 
 
-def _reason_unjudged(margin: Judged | None, step: Step | None) -> str:
+def _reason_unjudged(margin: JudgedRow | None, step: Step | None) -> str:
     """Return why a row was not judged, from the result of its margin and the step of its equation."""
     if margin is not None:
         return f"{margin.name}: {margin.why}"
@@ -75,7 +75,7 @@ def _reason_unjudged(margin: Judged | None, step: Step | None) -> str:
     return "the mechanism has no quantity to compare with this symbol"
 
 
-def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[Judged]:
+def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, float] | None = None) -> list[JudgedRow]:
     """Return the result for each margin; none without samples of the mechanism, or without margins.
 
     `parameters` are values in SI units that replace those of the formula.
@@ -90,7 +90,7 @@ def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, flo
     is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
     largest_error = judge.tolerance.length
     margins = Margins(kinematics, is_angle, tuple(samples.points), largest_error)
-    boundary = Boundary(model, margins, samples.x, largest_error)
+    boundary = ZeroCheck(model, margins, samples.x, largest_error)
     return boundary.judge()
 
 

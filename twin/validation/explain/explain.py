@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.formula.variant_choice import choose
 from twin.reference import ReferenceModel
-from twin.reference.margin_zeros import Judged
+from twin.reference.margin_zeros import JudgedRow
 from twin.validation.explain.cad_faults import CorrectedCad, correct, findings_on_joints
 from twin.validation.explain.candidate import GroupResult
 from twin.validation.explain.coverage import check_margins, coverage, findings_on_unvalued_symbols
@@ -273,7 +273,7 @@ class _Answer:
         """Return the result if all rows that have a value agree: margins of reach and measures are judged as well."""
         task = self.task
         task.progress("reach and singularity measures", 0.0)
-        margins: list[Judged] = []
+        margins: list[JudgedRow] = []
         if not self.skipped:
             margins = check_margins(judge, model, dict(task.parameters or {}))
         task.laps.end("margins")

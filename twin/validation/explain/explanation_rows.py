@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import display_unit
-from twin.reference.margin_zeros import Judged
+from twin.reference.margin_zeros import JudgedRow
 from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.equation_steps import RowKey, RowPlace
 from twin.validation.explain.explanation_data import WrongRow
@@ -120,7 +120,7 @@ def _term_of_best_repair(place: RowPlace, results: Sequence[GroupResult]) -> str
     return ""
 
 
-def wrong_margin(judge: Judge, margin: Judged, root: Path | None) -> WrongRow:
+def wrong_margin(judge: Judge, margin: JudgedRow, root: Path | None) -> WrongRow:
     """Return what is said of a reach, singularity measure or aspect that contradicts the mechanism."""
     kind = f"singularity measure '{margin.name}'"
     if margin.kind == "reach":

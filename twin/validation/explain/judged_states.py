@@ -118,7 +118,7 @@ def _start_states(model: ReferenceModel, regular: bool) -> list[Assembly]:
     if not regular:
         return starts
     states = [start.x for start in starts]
-    values = conditioning(model, np.array(states), LENGTH_SCALE).stands
+    values = conditioning(model, np.array(states), LENGTH_SCALE).type1
     regular_starts: list[Assembly] = []
     for start, value in zip(starts, values, strict=True):
         if value >= _LEAST_CONDITIONING_RATIO * values.max():
