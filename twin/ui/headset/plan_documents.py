@@ -10,7 +10,6 @@ from twin.core.json_types import JsonObject
 from twin.ui.headset.stream_frames import floats, sevens
 from twin.ui.session.plan_jobs import PREVIEW_PERIOD
 from twin.ui.session.plan_mode import PlanMode, Preview
-from twin.ui.session.plan_view import curve
 
 
 class PlanDocuments:
@@ -92,12 +91,16 @@ class PlanDocuments:
         }
 
     def _clearance(self, preview: Preview) -> JsonObject:
-        times, distances = curve(preview)
+        times: list[float] = []
+        distances: list[float] = []
+        for samples in preview.clear:
+            times += samples.t.tolist()
+            distances += samples.distance.tolist()
         document: JsonObject = {
             "type": "clearance",
             "robot": self._mode.robot,
-            "t": [round(float(t), 4) for t in times],
-            "distance": [round(float(d), 6) for d in distances],
+            "t": [round(t, 4) for t in times],
+            "distance": [round(distance, 6) for distance in distances],
             "proven": None,
             "found": None,
             "bodies": [],

@@ -45,6 +45,9 @@ from twin.ui.session.plan_jobs import (
 
 PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
 
+RESTING_PHASES: tuple[PlanPhase, ...] = ("plan", "preview", "run")
+"""Phases in which the hands move neither an arm nor the target."""
+
 _TOOL_SPEED = 60 * MM
 """Largest speed of a tool in m/s in a planned motion (ASSUMED: well below the limits of the joints)."""
 

@@ -23,9 +23,9 @@ from twin.simulation.world import Signals
 from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_FOLLOWS, ROBOT_GOAL
 from twin.ui.headset.ros.hands import ROS_OWNER, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
+from twin.ui.headset.ros.servo_hands import ServoHands
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
 from twin.ui.session.live_console import HeldError, LiveConsole
-from twin.ui.session.pens import Pens
 
 _BUTTON_PRESSED = 1
 """Value of a pressed button in sensor_msgs/Joy."""
@@ -52,7 +52,7 @@ class ConsoleTopics(TopicTable):
         self._console = console
         self._forces = forces
         self.hands = RosHands(console.device, lambda: console.world.t, lambda: console.ended)
-        self._pens = Pens(console)
+        self._servo_hands = ServoHands(console)
         self._goals: dict[str, _Goal] = {}  # the newest of each hand that no frame has used yet
         for number, hand in enumerate(HANDS):
             if hand in console.table.hands:
@@ -102,8 +102,8 @@ class ConsoleTopics(TopicTable):
             if not low <= value <= high:
                 raise DeviceError(f"the scale {value:g} is outside {low:g} to {high:g}")
             owner = ROS_OWNER
-            if self._pens.client is not None:
-                owner = self._pens.client  # messages `servo_cp` move the tool
+            if self._servo_hands.client is not None:
+                owner = self._servo_hands.client  # messages `servo_cp` move the tool
             try:
                 self._console.rescale(owner, value)
             except TwinError as error:
@@ -174,7 +174,7 @@ class ConsoleTopics(TopicTable):
             if console.ended:
                 return console.ended
             try:
-                self._pens.use(_servo_owner(client))
+                self._servo_hands.use(_servo_owner(client))
             except TwinError as error:
                 return str(error)
             self._goals[hand] = _Goal(client, console.place(robot) @ goal)
@@ -219,11 +219,11 @@ class ConsoleTopics(TopicTable):
         yet is cancelled: the way to the new one begins where the instrument is.
         """
         for hand, goal in self._goals.items():
-            self._pens.pens[hand].rest()
+            self._servo_hands.handles[hand].cancel()
             with contextlib.suppress(HeldError):  # another client has taken the hands since
-                self._pens.move(_servo_owner(goal.client), hand, self._console.goal(hand), goal.T_world_tool)
+                self._servo_hands.move(_servo_owner(goal.client), hand, self._console.goal(hand), goal.T_world_tool)
         self._goals.clear()
-        self._pens.say(passed)
+        self._servo_hands.send(passed)
 
     def about(self) -> JsonObject:
         """Return the client of each hand, and the number of refused poses."""
@@ -233,8 +233,8 @@ class ConsoleTopics(TopicTable):
         """Forget a client that has disconnected: what it moves stops."""
         self.hands.leave(client)
         self._goals = {hand: goal for hand, goal in self._goals.items() if goal.client != client}
-        if self._pens.client == _servo_owner(client):
-            self._pens.release()
+        if self._servo_hands.client == _servo_owner(client):
+            self._servo_hands.release()
 
 
 def _servo_owner(client: str) -> str:
