@@ -10,7 +10,7 @@ import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.model.task import ConsoleTask
-from twin.simulation.controllers.camera import Dragging, HandsToCamera
+from twin.simulation.controllers.camera import CameraDragging, HandsToCamera
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
 from twin.simulation.controllers.pose_to_joints import PoseToJoints
@@ -72,7 +72,7 @@ def world(device, hazards=(), taps=False):
     arms = {n: FollowingArm(n, kin, T) for n, T in places.items()}
     right = [arm for n, arm in arms.items() if n != "two"]
     centre = spatial.pose(spatial.exp_so3(np.array([0.4, 0.2, 0.1])), (0, 0.5, 0.5))
-    camera = Dragging(np.array([0.05, -0.1, 0.1, 0.2]), 1e-3)
+    camera = CameraDragging(np.array([0.05, -0.1, 0.1, 0.2]), 1e-3)
     return World(
         robots=[Placed(n, mechanism, T) for n, T in places.items()],
         devices=[device],
@@ -109,7 +109,7 @@ def davinci(device):
     }
     kin, limits, camera = psm.kinematics(), JointLimits.of(psm.mechanism), ecm.kinematics()
     q, arms = start(kin), {n: FollowingArm(n, kin, T) for n, T in places.items()}
-    law = Dragging(np.array([0.0, 0.0, 0.12, 0.0]), 1e-3)
+    law = CameraDragging(np.array([0.0, 0.0, 0.12, 0.0]), 1e-3)
     hands = HandsToCamera("ecm", "right", "left", law, T_VIEW_HAND, np.eye(4), T_view_tool=T_VIEW_TOOL)
     at = camera.inverse(hands.outputs["ecm.goal"].reshape(4, 4))
     return World(

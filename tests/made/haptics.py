@@ -7,7 +7,7 @@ import numpy as np
 from twin.core import spatial
 from twin.formula.evaluator import attach
 from twin.simulation.controllers.console_equations import console
-from twin.simulation.controllers.hand_force import FORCE, STATE, ForceParameters, hand_force
+from twin.simulation.controllers.hand_force import FORCE, STATE_SIZE, ForceParameters, hand_force
 from twin.simulation.limits import JointLimits
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
@@ -26,7 +26,7 @@ class Touch:
 
     def __init__(self, surface=None, *, bounds=True, scale=1.0, dt=DT):
         law = hand_force(console(), surface or ForceParameters(), FREE, np.array([True]), 1, dt, bounds)
-        self.state, self.pulse = np.zeros(STATE), np.zeros(3)
+        self.state, self.pulse = np.zeros(STATE_SIZE), np.zeros(3)
         self.on, self.follows, self.scale = np.ones(1), np.ones(1), np.array([scale])
         self.hand, self.tool, self.goal, self.planes = (np.eye(4).ravel() for _ in range(4))
         self.planes = np.zeros(COUNT * WIDTH)

@@ -311,7 +311,7 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
     T = looking(goal, [0, 6 * MM, 80 * MM], [0, 6 * MM, 0], 0)
     projected = projected_side.angle(projected_side.seen_ends(goal, T, VIEW))
     angle, _ = in_picture(CameraView(plate, T @ PICTURE @ spatial.pose(spatial.rotation_z(0.1 * DEG))), VIEW)
-    assert abs(angle - projected) > camera_task.AGREE
+    assert abs(angle - projected) > camera_task.ANGLE_AGREEMENT
 
 
 @pytest.mark.slow

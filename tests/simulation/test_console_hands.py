@@ -14,12 +14,12 @@ from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.core.errors import KinematicsError, WorldError
 from twin.core.units import DEG, MM
-from twin.simulation.controllers.camera import Drag, Dragging, view
+from twin.simulation.controllers.camera import CameraDrag, CameraDragging, view
 from twin.simulation.controllers.console_equations import READINGS, console
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.pose_to_joints import PoseToJoints
-from twin.simulation.controllers.tool_following import SCALE, FollowingControl, HandPace, HandToPose, is_held
+from twin.simulation.controllers.tool_following import SCALE_RANGE, FollowingControl, HandPace, HandToPose, is_held
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import JointLimits
@@ -149,7 +149,7 @@ def test_another_scale_while_moving_does_not_jump():
     assert np.allclose(steps, scales[1:], atol=1e-9)
 
 
-@pytest.mark.parametrize(("asked", "used"), [(0.0, SCALE[0]), (-1.0, SCALE[0]), (7.0, SCALE[1])])
+@pytest.mark.parametrize(("asked", "used"), [(0.0, SCALE_RANGE[0]), (-1.0, SCALE_RANGE[0]), (7.0, SCALE_RANGE[1])])
 def test_the_scale_keeps_its_range(asked, used):
     law = FollowingControl(TOOL, DT)
     for grip in (0.0, 45 * DEG, 0.0):
@@ -312,11 +312,11 @@ def test_after_a_clutch_the_jaw_comes_slowly_and_then_follows():
 # -- camera ---------------------------------------------------------------------------------------------------------
 
 RIGHT, LEFT = np.array([0.08, 0, 0]), np.array([-0.08, 0, 0])
-FREE_DRAG = Drag(lower=(-9, -9, 0, -9), upper=(9, 9, 9, 9), rate=(1e9, 1e9, 1e9, 1e9))
+FREE_DRAG = CameraDrag(lower=(-9, -9, 0, -9), upper=(9, 9, 9, 9), rate=(1e9, 1e9, 1e9, 1e9))
 
 
 def dragged(right, left, at=(0.0, 0.0, 0.1, 0.0), origin=(0, 0, 0), drag=FREE_DRAG):
-    law = Dragging(np.array(at), DT, drag)
+    law = CameraDragging(np.array(at), DT, drag)
     law.step(RIGHT + origin, LEFT + origin)
     return law.step(RIGHT + right + origin, LEFT + left + origin)
 
@@ -349,8 +349,8 @@ def test_the_scene_goes_with_the_hands(way, roll, pan, depth):
 
 
 def test_the_camera_keeps_its_limits_and_its_rate():
-    drag = Drag()
-    law = Dragging(np.array([0.0, 0, 0.1, 0]), DT, drag)
+    drag = CameraDrag()
+    law = CameraDragging(np.array([0.0, 0, 0.1, 0]), DT, drag)
     law.step(RIGHT, LEFT)
     last = law.at
     for k in range(4000):
@@ -363,7 +363,7 @@ def test_the_camera_keeps_its_limits_and_its_rate():
 
 
 def test_a_pedal_that_is_pressed_again_drags_from_there():
-    law = Dragging(np.array([0.0, 0, 0.1, 0]), DT, FREE_DRAG)
+    law = CameraDragging(np.array([0.0, 0, 0.1, 0]), DT, FREE_DRAG)
     law.step(RIGHT, LEFT)
     there = law.step(np.add(RIGHT, [0.01, 0, 0]), np.add(LEFT, [0.01, 0, 0]))
     law.release()

@@ -32,7 +32,7 @@ from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.guide.arm_paths import Ways, _stations
+from twin.simulation.tasks.guide.arm_paths import ArmPaths, _stations
 from twin.simulation.tasks.guide.guiding_referee import STEPS, GuidingReferee
 from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
 from twin.simulation.tasks.guide.task import GuideTable
@@ -119,7 +119,7 @@ def test_ways_go_around_what_planning_goes_around(scene, setup):
     links = ReferenceModel(mechanisms["ecm"]).solve(q["ecm"]).link_poses
     poses = {"ecm": {body: place.T_world_base @ T for body, T in links.items()}}
     wanted = obstacles_in_base("raven_dome", "raven_left", twin.load, poses)
-    ways = Ways(setup)
+    ways = ArmPaths(setup)
     found = ways.obstacles("raven_left", q, {ring.name: ring.T_world_object})
     assert [s.name for s in found] == [*(s.name for s in wanted), ring.name]
     np.testing.assert_allclose([s.T_base_body for s in found[:-1]], [s.T_base_body for s in wanted], atol=1e-12)
@@ -130,7 +130,7 @@ def test_ways_keep_the_clearance_of_the_scene_and_let_touch_what_may(scene, prop
     name = next(b.name for b in props.bodies)
     pair = (f"raven_left/{setup.members['raven_left'].mechanism.bodies[-1].name}", f"{props.name}/{name}")
     touching = frozenset({frozenset(pair)})
-    ways = Ways(replace(setup, scene=replace(scene, clearance=3 * MM, touching=touching)))
+    ways = ArmPaths(replace(setup, scene=replace(scene, clearance=3 * MM, touching=touching)))
     assert ways.clearance == 3 * MM
     touches = {s.name: s.touches for s in ways.obstacles("raven_left", {}, {})}
     assert touches.pop(pair[1]) == {pair[0].split("/")[1]}

@@ -422,7 +422,7 @@ def test_taps_that_leave_a_holding_arm_and_return_to_it_give_no_second_pulse():
     hand._holders = [holder]
 
     def pulses(arm, begin, end):
-        return sum(hand._pulses(arm, t) for t in np.arange(round(begin / DT), round(end / DT)) * DT)
+        return sum(hand._is_pulsing(arm, t) for t in np.arange(round(begin / DT), round(end / DT)) * DT)
 
     assert pulses(0, 0.0, 0.5) == 0
     holder[0] = 0

@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import DescriptionError
 from twin.core.units import MM
 from twin.model.scene import load_scene
-from twin.simulation.controllers.instrument_pivot import CONE, SHALLOW, InstrumentPivot
+from twin.simulation.controllers.instrument_pivot import LARGEST_ANGLE, SHORTEST_PART, InstrumentPivot
 from twin.simulation.limits import JointLimits
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import FulcrumMessage, HandsMessage, RefusedError, ToolMessage
@@ -115,7 +115,7 @@ _pivot = InstrumentPivot(np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, -1.0]), 
 @given(
     st.floats(-0.6, 0.6),
     st.floats(-0.6, 0.6),
-    st.floats(SHALLOW + 1e-3, 0.33 - SHALLOW - 1e-3),
+    st.floats(SHORTEST_PART + 1e-3, 0.33 - SHORTEST_PART - 1e-3),
     st.lists(st.floats(-1, 1), min_size=3, max_size=3),
 )
 @example(0.0, 3e-6, 0.25, [0.0, 0.0, 0.0])  # nearly half a turn
@@ -139,8 +139,8 @@ def test_a_led_end_stays_on_its_side_of_the_port(p, direct):
     T = _pivot.tool(spatial.pose(np.eye(3), _pivot.p_port + p), direct)
     way = T[:3, 3] - _pivot.p_port
     depth = np.linalg.norm(way)
-    assert SHALLOW - 1e-12 <= depth <= 0.33 - SHALLOW + 1e-12
-    assert way @ _pivot.axis / depth >= np.cos(CONE) - 1e-9
+    assert SHORTEST_PART - 1e-12 <= depth <= 0.33 - SHORTEST_PART + 1e-12
+    assert way @ _pivot.axis / depth >= np.cos(LARGEST_ANGLE) - 1e-9
 
 
 # -- the served console ---------------------------------------------------------------------------------------------

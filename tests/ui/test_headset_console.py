@@ -23,7 +23,7 @@ from twin.core.errors import DescriptionError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
-from twin.simulation.controllers.camera import looking, view
+from twin.simulation.controllers.camera import at_of_view, view
 from twin.simulation.setup import Setup
 from twin.ui.headset import console_stream, served_content, server
 from twin.ui.headset import stream_frames as wire
@@ -441,12 +441,12 @@ def test_a_scene_without_a_console_is_refused(bare_theatre):
     st.tuples(st.floats(-3, 3), st.floats(-1.5, 1.5), st.floats(0, 0.3), st.floats(-3, 3))  # pan, tilt, depth, roll
 )
 def test_where_a_camera_looks_is_the_inverse_of_its_view(at):
-    assert np.allclose(view(looking(view(np.array(at)))), view(np.array(at)), atol=1e-12)
+    assert np.allclose(view(at_of_view(view(np.array(at)))), view(np.array(at)), atol=1e-12)
 
 
 def test_a_camera_beside_its_remote_centre_is_refused():
     with pytest.raises(WorldError, match="passes 5 mm from its remote centre"):
-        looking(spatial.pose(None, (0.005, 0, -0.1)))
+        at_of_view(spatial.pose(None, (0.005, 0, -0.1)))
 
 
 class Slow:

@@ -11,7 +11,7 @@ from twin.api.procedure import replay_procedure
 from twin.cli import scenes
 from twin.core import spatial
 from twin.simulation import console_scene
-from twin.simulation.controllers.tool_grip import HALF, GripToTool
+from twin.simulation.controllers.tool_grip import HALF_GRIP, GripToTool
 from twin.simulation.devices.received_hands import HandState
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.play import ProcedureGuide
@@ -19,7 +19,7 @@ from twin.simulation.world import Block, World
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.live_console import LiveConsole
 
-OPEN = 2 * HALF
+OPEN = 2 * HALF_GRIP
 
 
 class Script(Block):

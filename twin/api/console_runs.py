@@ -149,10 +149,10 @@ def _parts_of_machines(scene: Scene, robots: Mapping[str, Robot]) -> dict[str, P
 
 
 def _require_scale(scale: float | None) -> None:
-    from twin.simulation.controllers.tool_following import SCALE
+    from twin.simulation.controllers.tool_following import SCALE_RANGE
 
-    if scale is not None and not SCALE[0] <= scale <= SCALE[1]:
-        raise TwinError(f"--scale {scale:g}: give {SCALE[0]:g} to {SCALE[1]:g} for a console")
+    if scale is not None and not SCALE_RANGE[0] <= scale <= SCALE_RANGE[1]:
+        raise TwinError(f"--scale {scale:g}: give {SCALE_RANGE[0]:g} to {SCALE_RANGE[1]:g} for a console")
 
 
 def replay_session(

@@ -21,7 +21,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import ConsoleTask, goal_of
 from twin.simulation import blocks, contact_scene, machine_scene, operating_scene, rate_console
-from twin.simulation.controllers.camera import Drag, Dragging, HandsToCamera, looking
+from twin.simulation.controllers.camera import CameraDrag, CameraDragging, HandsToCamera, at_of_view
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import FeltArm, HapticHand, HapticSwitch
 from twin.simulation.controllers.instrument_pivot import FULCRUMS, Fulcrum, InstrumentPivot
@@ -335,11 +335,11 @@ def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Instr
     return InstrumentPivot(port, inwards / depth, length, place.name in table.through)
 
 
-def drag(table: ConsoleTable) -> Drag:
+def drag(table: ConsoleTable) -> CameraDrag:
     """Return the parameters of the camera motion of a console."""
     ranges = table.camera_range
     if ranges is None:
-        return Drag()
+        return CameraDrag()
     lower = []
     upper = []
     for (low, high), unit in (
@@ -350,7 +350,7 @@ def drag(table: ConsoleTable) -> Drag:
     ):
         lower.append(low * unit)
         upper.append(high * unit)
-    return Drag(lower=tuple(lower), upper=tuple(upper))
+    return CameraDrag(lower=tuple(lower), upper=tuple(upper))
 
 
 def settings(scene: Scene, fulcrum: Fulcrum = "compensated", task: ConsoleTask | None = None) -> dict[str, float]:
@@ -488,7 +488,7 @@ def _camera(setup: Setup, q: Mapping[str, Array], dt: float) -> HandsToCamera:
     right = T_world_view[:2, 0]
     R_world_centre = spatial.rotation_z(np.arctan2(right[1], right[0]))
     T_world_centre = spatial.pose(R_world_centre, operating_scene.port_of(place))
-    law = Dragging(looking(spatial.inverse(T_world_centre) @ T_world_view), dt, drag(table))
+    law = CameraDragging(at_of_view(spatial.inverse(T_world_centre) @ T_world_view), dt, drag(table))
     T_view_tool = spatial.inverse(T_tool_view)
     return HandsToCamera(
         place.name, *HANDS, law, np.eye(4), T_world_centre, place.T_world_base, T_view_tool=T_view_tool

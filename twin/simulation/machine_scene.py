@@ -14,7 +14,7 @@ from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.controllers.pedals import TAP
+from twin.simulation.controllers.pedals import LONGEST_TAP
 from twin.simulation.controllers.tip_comparison import TipComparison
 from twin.simulation.controllers.trainer import Trainer
 from twin.simulation.controllers.trainer_states import MODE, TrainerLimits
@@ -82,7 +82,7 @@ class Machined:
         if self._table is None:
             return []
         limits = bounds(self._table)
-        blocks: list[Block] = [ViewSwitch(device, TAP)]
+        blocks: list[Block] = [ViewSwitch(device, LONGEST_TAP)]
         for name, parts in self.parts.items():
             angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
             step = parts.settings.number.grasp_step.value

@@ -29,7 +29,7 @@ X, Y, Z = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Drag:
+class CameraDrag:
     """Parameters of the camera motion by both hands.
 
     Attributes:
@@ -47,20 +47,20 @@ class Drag:
     rate: tuple[float, float, float, float] = (30 * DEG, 30 * DEG, 0.06, 30 * DEG)
 
 
-class Dragging:
+class CameraDragging:
     """Control law that moves a camera by two hands, tick by tick.
 
     Attributes:
         at: (4,) current pan (rad), tilt (rad), depth (m) and roll (rad).
     """
 
-    def __init__(self, at: Array, dt: float, drag: Drag | None = None) -> None:
+    def __init__(self, at: Array, dt: float, drag: CameraDrag | None = None) -> None:
         """Start at pan, tilt, depth and roll `at` (4,) in rad and m; `dt` is the duration of a tick in s."""
         self.at = np.array(at, float)
-        self.drag = drag or Drag()
+        self.drag = drag or CameraDrag()
         # The attributes below are views into the inputs of the compiled function.
         z, self._step = _compile(self.drag, dt).bind()
-        self._hands, self._hands_0, self._at_0, self._at = np.split(z, (6, 12, 16))
+        self._hands, self._start_hands, self._start_at, self._at = np.split(z, (6, 12, 16))
         self._is_coupled = False
 
     def release(self) -> None:
@@ -78,14 +78,14 @@ class Dragging:
         self._hands[3:] = left
         self._at[:] = self.at
         if not self._is_coupled:
-            self._hands_0[:] = self._hands
-            self._at_0[:] = self.at
+            self._start_hands[:] = self._hands
+            self._start_at[:] = self.at
             self._is_coupled = True
         self.at = self._step()
         return self.at
 
 
-def _compile(drag: Drag, dt: float) -> Evaluator:
+def _compile(drag: CameraDrag, dt: float) -> Evaluator:
     """Compile the function of one tick; its result is the camera's next pan, tilt, depth and roll (4).
 
     Its arguments are the positions of both hands (6) now and at the start of the motion, then the camera's pan, tilt,
@@ -96,17 +96,17 @@ def _compile(drag: Drag, dt: float) -> Evaluator:
     laws = console().laws
     d_R, d_L = laws["eq3"](from_sx(right_0), from_sx(right), from_sx(left_0), from_sx(left))
     turn = to_sx(laws["eq4"](from_sx(right_0), from_sx(left_0), d_R, d_L, Z)[0])
-    # motion of the scene: of the midpoint of the hands, scaled
-    d = drag.scale * ((right + left) - (right_0 + left_0)) / 2
+    # of the midpoint of the hands, scaled, in the axes of the picture
+    scene_motion = drag.scale * ((right + left) - (right_0 + left_0)) / 2
     # the axes of pan and tilt do not roll with the picture
-    rho = at_0[3] - turn
-    along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)
-    across = d[1] * ca.cos(rho) + d[0] * ca.sin(rho)
-    reach = at_0[2] + drag.lever
-    target = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)
+    roll = at_0[3] - turn
+    along = scene_motion[0] * ca.cos(roll) - scene_motion[1] * ca.sin(roll)
+    across = scene_motion[1] * ca.cos(roll) + scene_motion[0] * ca.sin(roll)
+    scene_distance = at_0[2] + drag.lever  # from the remote centre
+    target = at_0 + ca.vertcat(along / scene_distance, -across / scene_distance, scene_motion[2], -turn)
     target = ca.fmin(ca.fmax(target, ca.DM(drag.lower)), ca.DM(drag.upper))
-    limit = ca.DM(drag.rate) * dt
-    change = ca.fmin(ca.fmax(target - at, -limit), limit)
+    largest_step = ca.DM(drag.rate) * dt
+    change = ca.fmin(ca.fmax(target - at, -largest_step), largest_step)
     return Evaluator("drag_camera", z, at + change)
 
 
@@ -116,11 +116,12 @@ def view(at: Array) -> Array:
 
 
 def _view(at: ca.SX | ca.DM) -> ca.SX:
+    """Return the pose of `view` as an expression."""
     R = symbolic.rotation_y(at[0]) @ symbolic.rotation_x(at[1])
     return symbolic.pose(R @ symbolic.rotation_z(at[3]), -at[2] * R[:, 2])
 
 
-def looking(T: Array) -> Array:
+def at_of_view(T: Array) -> Array:
     """Return pan, tilt, depth and roll (4,) for a pose T (4, 4) of the picture: the inverse of `view`.
 
     Raises:
@@ -140,30 +141,6 @@ def looking(T: Array) -> Array:
     return at
 
 
-def hands(at: Array, target: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return the positions (3,) in m of the right and of the left hand that move the camera to `target`.
-
-    This function is the inverse of `Dragging.step`.
-
-    Args:
-        at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.
-        target: (4,) pan, tilt, depth, roll to reach, within the limits of `drag`.
-        right: (3,) position of the right hand when it was coupled, in m in the axes of the picture.
-        left: (3,) position of the left hand when it was coupled, in m in the same axes.
-        drag: parameters of the camera motion.
-    """
-    reach = at[2] + drag.lever
-    rho = target[3]
-    along = (target[0] - at[0]) * reach
-    across = (at[1] - target[1]) * reach
-    x = along * np.cos(rho) + across * np.sin(rho)
-    y = across * np.cos(rho) - along * np.sin(rho)
-    scene_motion = np.array([x, y, target[2] - at[2]])
-    middle = (right + left) / 2 + scene_motion / drag.scale
-    half_line = spatial.exp_so3((at[3] - rho) * Z) @ (right - left) / 2
-    return middle + half_line, middle - half_line
-
-
 class HandsToCamera(Block):
     """Reads `<right>.pose`, `<left>.pose` (16,) and `console.mode`; moves a camera.
 
@@ -176,7 +153,7 @@ class HandsToCamera(Block):
         camera: str,
         right: str,
         left: str,
-        law: Dragging,
+        law: CameraDragging,
         T_view_hand: Array,
         T_world_centre: Array,
         T_world_base: Array | None = None,

@@ -13,7 +13,7 @@ from twin.simulation.controllers.teleoperation import Teleoperation
 _DISTANCE = 0.03
 """Displacement of the handle in the test, in the unit of the handle's coordinates."""
 
-_HOLD = 4.0
+_STEP_TIME = 4.0
 """Duration of each step of the test in s."""
 
 
@@ -43,14 +43,14 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
     return np.array(positions)
 
 
-def clutch(make: Callable[[], Teleoperation]) -> ClutchReport:
-    """Test the clutch: press, release, move the handle by `_DISTANCE`, press again; each step lasts `_HOLD`.
+def clutch(new_controller: Callable[[], Teleoperation]) -> ClutchReport:
+    """Test the clutch: press, release, move the handle by `_DISTANCE`, press again; each step lasts `_STEP_TIME`.
 
     The controller passes if the tool does not move after the second press.
     """
-    controller = make()
+    controller = new_controller()
     n = len(controller.offset)
-    ticks = round(_HOLD / controller.dt)
+    ticks = round(_STEP_TIME / controller.dt)
     start = np.zeros(n)
     displaced = np.zeros(n)
     displaced[0] = _DISTANCE

@@ -22,9 +22,9 @@ import numpy as np
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-_MM = 1e3
+_MM_PER_M = 1e3
 
-_PRINTED = 0.05
+_PRINTED_FORCE = 0.05
 """Force above the limit in the printed equation; the paper prints no unit."""
 
 
@@ -60,17 +60,17 @@ class Cue:
             dp: (3,) tip of the model minus tip of the machine, m.
             dv: (3,) linear velocity of the model's tip minus that of the machine's tip, m/s.
         """
-        distance = _MM * float(np.linalg.norm(dp))
-        speed = _MM * float(np.linalg.norm(dv))
+        distance = _MM_PER_M * float(np.linalg.norm(dp))
+        speed = _MM_PER_M * float(np.linalg.norm(dv))
         if distance == 0:
             return np.zeros(3)  # the force has no direction
-        size = self.kp * distance + self.kd * speed
+        magnitude = self.kp * distance + self.kd * speed
         if self.reading == "printed":
             if distance > self.tol:
-                size = _PRINTED
+                magnitude = _PRINTED_FORCE
         elif distance <= self.tol:
-            size = 0.0
+            magnitude = 0.0
         elif self.blend:
             s = min((distance - self.tol) / self.blend, 1.0)
-            size *= s * s * (3 - 2 * s)
-        return min(size, self.most) * _MM / distance * np.asarray(dp, float)
+            magnitude *= s * s * (3 - 2 * s)
+        return min(magnitude, self.most) * _MM_PER_M / distance * np.asarray(dp, float)

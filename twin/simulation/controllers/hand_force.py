@@ -25,7 +25,7 @@ DEVICE_DAMPING = 2.0
 FORCE = slice(0, 3)
 """Indices, in the state of a hand, of the force (3,) in N in {H}."""
 
-LAST = slice(3, 6)
+LAST_POSITION = slice(3, 6)
 """Indices of the position (3,) of the hand in this tick, in m in {H}."""
 
 ENERGY = 6
@@ -37,16 +37,16 @@ DEPTH = 7
 RATE = 8
 """Index of the filtered rate of the depth in m/s."""
 
-STATE = 9
+STATE_SIZE = 9
 """Number of values of the state of a hand."""
 
 _SMALLEST_SCALE = 1e-3
 """Motion scale below which it is not divided by it."""
 
-_NO_DEPTH = 1e-9
+_SMALLEST_DEPTH = 1e-9
 """Distance in m from goal to tool up to which it has no direction."""
 
-_AT_LIMIT = 1e-6
+_LIMIT_TOLERANCE = 1e-6
 """Tolerance in rad or m within which a joint counts as being at its limit."""
 
 
@@ -71,10 +71,10 @@ def hand_force(
     laws: Console,
     surface: ForceParameters,
     limits: JointLimits,
-    moves: np.ndarray,
-    sources: int,
+    moves_tool: np.ndarray,
+    source_count: int,
     dt: float,
-    bounds: bool = True,
+    is_bounded: bool = True,
 ) -> ca.Function:
     """Return the function of one tick, (arguments) -> state (STATE,).
 
@@ -87,49 +87,49 @@ def hand_force(
         laws: equations of the console.
         surface: parameters of the forces.
         limits: joint limits of the arm.
-        moves: (n,) bool, whether each joint moves the tool.
-        sources: number of signals with planes.
+        moves_tool: (n,) bool, whether each joint moves the tool.
+        source_count: number of signals with planes.
         dt: duration of a tick in s.
-        bounds: whether the observed energy bounds the force.
+        is_bounded: whether the observed energy bounds the force.
     """
-    sizes = [STATE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves)]
-    sizes += [SIZE] * sources
+    sizes = [STATE_SIZE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves_tool)]
+    sizes += [SIZE] * source_count
     arguments = []
     for i, size in enumerate(sizes):
         arguments.append(ca.SX.sym(f"x{i}", size))
     state, pulse, on, follows, scale, hand, view, base, tool, goal, q, *rows_of_sources = arguments
     b = surface.device_damping
     h = symbolic.unflat(hand, 4, 4)[:3, 3]
-    energy = observed(state[ENERGY], state[FORCE], h - state[LAST], b, dt)
+    energy = observed(state[ENERGY], state[FORCE], h - state[LAST_POSITION], b, dt)
     T = symbolic.unflat(tool, 4, 4)
     planes = []
     for rows in rows_of_sources:
         planes.append(symbolic.unflat(rows, COUNT, WIDTH))
-    planes.append(_wall(symbolic.unflat(base, 4, 4), T, symbolic.unflat(goal, 4, 4), q, limits, moves))
+    planes.append(_wall(symbolic.unflat(base, 4, 4), T, symbolic.unflat(goal, 4, 4), q, limits, moves_tool))
     to_proxy, pull = proxy(ca.vertcat(*planes), T)
-    acts = ca.logic_and(on > 0.5, follows > 0.5)
-    depth = ca.if_else(acts, symbolic.norm(to_proxy), 0.0)
-    touches = depth > 0
+    is_on = ca.logic_and(on > 0.5, follows > 0.5)
+    depth = ca.if_else(is_on, symbolic.norm(to_proxy), 0.0)
+    is_touching = depth > 0
     rate = state[RATE] + smoothing(dt) * ((depth - state[DEPTH]) / dt - state[RATE])
-    rate = ca.if_else(touches, rate, 0.0)
+    rate = ca.if_else(is_touching, rate, 0.0)
     eq5 = laws.laws["eq5"]
     size = -to_sx(eq5(from_sx(depth), from_sx(rate), surface.stiffness, surface.damping, surface.largest))
-    away = pull * (size / ca.if_else(touches, depth, 1.0))
+    surface_force = pull * (size / ca.if_else(is_touching, depth, 1.0))
     R_view_world = symbolic.unflat(view, 4, 4)[:3, :3].T
-    force = R_view_world @ ca.if_else(touches, away, ca.SX.zeros(3))
-    force = clipped(force + ca.if_else(acts, pulse, ca.SX.zeros(3)), surface.largest)
+    force = R_view_world @ ca.if_else(is_touching, surface_force, ca.SX.zeros(3))
+    force = clipped(force + ca.if_else(is_on, pulse, ca.SX.zeros(3)), surface.largest)
     # Limit the energy to the energy stored at this depth plus the energy stored at the largest force. Otherwise, energy
     # from motion long ago would allow new forces.
-    full = stored(ca.SX(surface.largest / surface.stiffness), surface.stiffness, surface.largest)
-    most_energy = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, _SMALLEST_SCALE) + full
+    most_stored = stored(ca.SX(surface.largest / surface.stiffness), surface.stiffness, surface.largest)
+    most_energy = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, _SMALLEST_SCALE) + most_stored
     energy = ca.fmin(energy, most_energy)
-    if bounds:
+    if is_bounded:
         force = bounded(force, energy, b, dt)
     new_state = ca.vertcat(force, h, energy, depth, rate)
     return ca.Function("haptic_hand", arguments, [ca.densify(new_state)])
 
 
-def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, moves: np.ndarray) -> ca.SX:
+def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, moves_tool: np.ndarray) -> ca.SX:
     """Return the row of the plane that holds the tool while a joint is at its limit; otherwise zeros.
 
     The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.
@@ -137,11 +137,11 @@ def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, mov
     p_goal = (base @ goal)[:3, 3]
     back = T[:3, 3] - p_goal
     depth = symbolic.norm(back)
-    joints = np.flatnonzero(moves).tolist()
+    joints = np.flatnonzero(moves_tool).tolist()
     low = ca.DM(limits.lower[joints])
     high = ca.DM(limits.upper[joints])
     room = ca.mmin(ca.fmin(q[joints] - low, high - q[joints]))
-    is_at_limit = ca.logic_and(room < _AT_LIMIT, depth > _NO_DEPTH)
+    is_at_limit = ca.logic_and(room < _LIMIT_TOLERANCE, depth > _SMALLEST_DEPTH)
     normal = back / ca.if_else(is_at_limit, depth, 1.0)
     row = ca.vertcat(normal, normal, ca.SX.zeros(3), ca.dot(normal, T[:3, 3]) + depth)
     return ca.if_else(is_at_limit, row, ca.SX.zeros(WIDTH)).T

@@ -18,10 +18,10 @@ from twin.simulation.controllers.console_equations import Console
 
 Law = Callable[..., Any]
 
-_RIGID = 1e-6
+_RIGID_ERROR = 1e-6
 """Largest error of the rotation matrix of a valid pose."""
 
-_SCALE = 96
+_SCALE_INDEX = 96
 """Index of the scale in the input, after six poses."""
 
 
@@ -53,15 +53,15 @@ class HandStep:
 
     def __init__(self, laws: Console, pace: HandPace, dt: float) -> None:
         """Compile the control law for ticks of dt in s."""
-        law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
+        law, slow_step = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
         # The attributes below are views into the inputs and outputs of the compiled functions.
-        z = np.zeros(_SCALE + 1)
-        result, self._law = attach(law.function, z)
-        self._tests = result[:3]
+        z = np.zeros(_SCALE_INDEX + 1)
+        result, self._compute = attach(law.function, z)
+        self._test_values = result[:3]
         self._wanted_view = result[3:].reshape(4, 4)
-        self._hand, self.last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
-        self._scale = z[_SCALE:]
-        pair, self._slow = slow.bind()
+        self._hand, self.last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE_INDEX].reshape(6, 4, 4)
+        self._scale = z[_SCALE_INDEX:]
+        pair, self._slow_step = slow_step.bind()
         self._from, self._to = pair.reshape(2, 4, 4)
         self.rigid = False
         self.jumped = False
@@ -84,8 +84,8 @@ class HandStep:
         """
         self._hand[...] = hand
         self._goal[...] = goal
-        self._law()
-        rigid, jumped, in_one_step = self._tests.tolist()
+        self._compute()
+        rigid, jumped, in_one_step = self._test_values.tolist()
         self.rigid = rigid > 0
         self.jumped = jumped > 0
         self.wanted = self._wanted_view.copy()
@@ -94,7 +94,7 @@ class HandStep:
         else:
             self._from[...] = goal
             self._to[...] = self.wanted
-            self.goal = self._slow().reshape(4, 4)
+            self.goal = self._slow_step().reshape(4, 4)
 
 
 @cache
@@ -103,26 +103,26 @@ def _compile(eq2: Law, eq1: Law, pace: HandPace, dt: float) -> tuple[Evaluator, 
 
     The second function is separate because it is slower than the first and seldom needed.
     """
-    z = ca.SX.sym("z", _SCALE + 1)
+    z = ca.SX.sym("z", _SCALE_INDEX + 1)
     pair = ca.SX.sym("pair", 32)
     hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))
-    dW = eq2(from_sx(W_0), from_sx(hand), from_sx(T), from_sx(z[_SCALE]))
+    dW = eq2(from_sx(W_0), from_sx(hand), from_sx(T), from_sx(z[_SCALE_INDEX]))
     target = to_sx(eq1(dW, from_sx(P_0)))
-    longest = pace.speed * dt
-    turn = pace.turn * dt
-    is_near = ca.sumsqr(target[:3, 3] - goal[:3, 3]) <= longest**2
-    in_one_step = ca.logic_and(is_near, _squared_chord(goal, target) <= _squared_chord_of(turn))
+    largest_step = pace.speed * dt
+    largest_turn = pace.turn * dt
+    is_near = ca.sumsqr(target[:3, 3] - goal[:3, 3]) <= largest_step**2
+    in_one_step = ca.logic_and(is_near, _squared_chord(goal, target) <= _squared_chord_of(largest_turn))
     law = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), in_one_step, symbolic.flat(target))
-    begin = symbolic.unflat(pair[:16], 4, 4)
+    start = symbolic.unflat(pair[:16], 4, 4)
     end = symbolic.unflat(pair[16:], 4, 4)
-    slow = symbolic.flat(_towards(begin, end, longest, turn))
-    return Evaluator("hand_step", z, law), Evaluator("towards", pair, slow)
+    slow_step = symbolic.flat(_towards(start, end, largest_step, largest_turn))
+    return Evaluator("hand_step", z, law), Evaluator("towards", pair, slow_step)
 
 
 def _is_rigid(T: ca.SX) -> ca.SX:
     """Return whether a pose (4, 4) is rigid; false for NaN."""
     R = T[:3, :3]
-    is_orthonormal = ca.norm_inf(ca.vec(R.T @ R - ca.SX.eye(3))) < _RIGID
+    is_orthonormal = ca.norm_inf(ca.vec(R.T @ R - ca.SX.eye(3))) < _RIGID_ERROR
     is_rotation = ca.logic_and(is_orthonormal, ca.det(R) > 0)
     is_finite = ca.sumsqr(T[:3, 3]) < np.inf  # false for NaN
     has_last_row = ca.sumsqr(T[3, :] - ca.SX([0, 0, 0, 1]).T) == 0
@@ -144,16 +144,16 @@ def _squared_chord_of(angle: float) -> float:
     return float(4 * (1 - np.cos(min(angle, np.pi))))
 
 
-def _towards(T: ca.SX, target: ca.SX, longest: float, turn: float) -> ca.SX:
-    """Return the pose after a step of at most `longest` in m and `turn` in rad from T towards `target`."""
+def _towards(T: ca.SX, target: ca.SX, largest_step: float, largest_turn: float) -> ca.SX:
+    """Return the pose after a step of at most `largest_step` in m and `largest_turn` in rad from T towards `target`."""
     step = target[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
-    is_far = length > longest
-    part = longest / ca.if_else(is_far, length, 1)
+    is_far = length > largest_step
+    part = largest_step / ca.if_else(is_far, length, 1)
     p = ca.if_else(is_far, T[:3, 3] + step * part, target[:3, 3])
-    is_small = _squared_chord(T, target) <= _squared_chord_of(turn)
+    is_small = _squared_chord(T, target) <= _squared_chord_of(largest_turn)
     rotation = symbolic.log_so3(target[:3, :3] @ T[:3, :3].T)
     angle = ca.if_else(is_small, 1, symbolic.norm(rotation))
-    R_step = symbolic.exp_so3(rotation * (turn / angle))
+    R_step = symbolic.exp_so3(rotation * (largest_turn / angle))
     R = ca.if_else(is_small, target[:3, :3], R_step @ T[:3, :3])
     return symbolic.pose(R, p)

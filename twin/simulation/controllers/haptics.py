@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console_equations import console
-from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force
+from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST_POSITION, STATE_SIZE, ForceParameters, hand_force
 from twin.simulation.controllers.passivity import require_passive
 from twin.simulation.limits import JointLimits
 from twin.simulation.world import Block, Signals
@@ -117,15 +117,15 @@ class HapticHand(Block):
         self._device = device
         self._camera = camera
         law = console()
-        self._laws = []
+        self._force_functions = []
         self._tools = []  # T_world_tool of each arm
         for arm in arms:
-            moves = ~arm.kin.auxiliary
-            self._laws.append(hand_force(law, parameters, arm.limits, moves, len(sources), dt, True))
+            moves_tool = ~arm.kin.auxiliary
+            self._force_functions.append(hand_force(law, parameters, arm.limits, moves_tool, len(sources), dt, True))
             self._tools.append(np.zeros(16))
-        self._state = np.zeros(STATE)
+        self._state = np.zeros(STATE_SIZE)
         self._pulse = np.zeros(3)
-        self._seen = [b""] * len(arms)  # joint values of `_tools`
+        self._joints_of_tools = [b""] * len(arms)  # joint values of `_tools`
         self._grasps = [GraspPulse() for _ in arms]
         self._force = HAND_FORCE.of(hand)
         self._energy = HAND_ENERGY.of(hand)
@@ -137,15 +137,15 @@ class HapticHand(Block):
         self._taps = now[CONSOLE_TAPS.name].item
         self._holders = [now[OBJECT_HOLDER.of(name)] for name in self._objects]
         self._pose = now[HAND_POSE.of(self._hand)].reshape(4, 4)
-        self._fresh = True
-        self._written = (memory[self._force], memory[self._energy])
+        self._is_first_tick = True
+        self._output_memory = (memory[self._force], memory[self._energy])
         on = now[HAPTICS_ON.name]
         scale = now[DEVICE_SCALE.of(self._device)]
         pose = now[HAND_POSE.of(self._hand)]
         view = now[CAMERA_VIEW.of(self._camera)]
         self._encoders = []
-        self._calls = []
-        for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
+        self._compiled = []
+        for arm, law, tool in zip(self._arms, self._force_functions, self._tools, strict=True):
             follows = now[ROBOT_FOLLOWS.of(arm.robot)]
             base = np.ascontiguousarray(arm.T_world_base, float).ravel()
             encoder = now[ROBOT_ENCODER.of(arm.robot)]
@@ -153,43 +153,43 @@ class HapticHand(Block):
             inputs = [on, follows, scale, pose, view, base, tool, now[ROBOT_GOAL.of(arm.robot)], encoder]
             for source in self._sources:
                 inputs.append(now[f"{arm.robot}.{source}"])
-            self._calls.append(attach(law, self._state, self._pulse, *inputs))
+            self._compiled.append(attach(law, self._state, self._pulse, *inputs))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick; the device applies this force until the next tick."""
-        if self._fresh:  # before the first tick, the device has written no pose
-            self._state[LAST] = self._pose[:3, 3]
-            self._fresh = False
+        if self._is_first_tick:  # before the first tick, the device has written no pose
+            self._state[LAST_POSITION] = self._pose[:3, 3]
+            self._is_first_tick = False
         i = int(self._taps()) % len(self._arms)
         arm = self._arms[i]
         q = self._encoders[i]
         joints = q.tobytes()
-        if joints != self._seen[i]:  # the forward kinematics is the slowest step of this block
-            self._seen[i] = joints
+        if joints != self._joints_of_tools[i]:  # the forward kinematics is the slowest step of this block
+            self._joints_of_tools[i] = joints
             tool = self._tools[i]
             seed = tool.reshape(4, 4).copy() if tool.any() else None
             T_base_tool = arm.kin.forward(q, seed)
             tool[...] = (arm.T_world_base @ T_base_tool).ravel()
-        self._pulse[0] = PULSE * self._pulses(i, t)
-        new_state, compute = self._calls[i]
+        self._pulse[0] = PULSE * self._is_pulsing(i, t)
+        new_state, compute = self._compiled[i]
         compute()
         self._state[...] = new_state
-        force, energy = self._written
+        force, energy = self._output_memory
         force[...] = new_state[FORCE]
         energy[0] = new_state[ENERGY]
 
-    def _pulses(self, controlled: int, t: float) -> bool:
+    def _is_pulsing(self, controlled: int, t: float) -> bool:
         """Return whether the pulse of a grasp of the controlled arm acts in this tick.
 
         The other arms are followed as well: taps that leave an arm with an object and return to it are no new grasp.
         """
-        acts = False
+        is_active = False
         for k, (arm, grasp) in enumerate(zip(self._arms, self._grasps, strict=True)):
-            holds = arm.index >= 0 and any(holder.item() == arm.index for holder in self._holders)
-            is_pulsing = grasp.acts(holds, t)
+            is_holding = arm.index >= 0 and any(holder.item() == arm.index for holder in self._holders)
+            is_pulsing = grasp.is_active(is_holding, t)
             if k == controlled:
-                acts = is_pulsing
-        return acts
+                is_active = is_pulsing
+        return is_active
 
 
 PULSE = 1.0
@@ -198,7 +198,7 @@ PULSE = 1.0
 PULSE_TIME = 3e-3
 """Duration of this pulse in s, as printed in the paper."""
 
-_AGAIN = 0.25
+_SHORTEST_RELEASE = 0.25
 """Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a slipping grip
 does not cause several pulses."""
 
@@ -211,12 +211,12 @@ class GraspPulse:
         self._ended = -np.inf  # end of the last grasp in s
         self._until = -np.inf  # end of the last pulse in s
 
-    def acts(self, holds: bool, t: float) -> bool:
+    def is_active(self, is_holding: bool, t: float) -> bool:
         """Return whether the pulse acts at time t in s; to be called in each tick, with whether the gripper holds."""
-        begins = holds and not self._was_holding
-        if begins and t - self._ended > _AGAIN:
+        begins = is_holding and not self._was_holding
+        if begins and t - self._ended > _SHORTEST_RELEASE:
             self._until = t + PULSE_TIME - 1e-9
-        if self._was_holding and not holds:
+        if self._was_holding and not is_holding:
             self._ended = t
-        self._was_holding = holds
+        self._was_holding = is_holding
         return t < self._until

@@ -21,10 +21,10 @@ Fulcrum = Literal["compensated", "direct"]
 FULCRUMS: tuple[Fulcrum, ...] = ("compensated", "direct")
 """What the hand controls: the tip or the outer end. The index of an item is its value in `<device>.fulcrum`."""
 
-SHALLOW = 20 * MM
+SHORTEST_PART = 20 * MM
 """Smallest length in m of an instrument on each side of its port, so that neither end reaches it; ASSUMED."""
 
-CONE = 60 * DEG
+LARGEST_ANGLE = 60 * DEG
 """Largest angle in rad between an instrument and its direction at the start; ASSUMED, for the abdominal wall."""
 
 
@@ -52,7 +52,9 @@ class InstrumentPivot:
         return spatial.pose(T[:3, :3], self.p_port - inner * ((self.length - depth) / depth))
 
     def tool(self, T: Array, direct: bool) -> Array:
-        """Return the tool pose (4, 4) in base for the pose that the hand controls, limited by `SHALLOW` and `CONE`.
+        """Return the tool pose (4, 4) in base for the pose that the hand controls.
+
+        It is limited by `SHORTEST_PART` and `LARGEST_ANGLE`.
 
         Args:
             T: (4, 4) pose in base that the hand controls: of the outer end if `direct`, else of the tool.
@@ -63,7 +65,7 @@ class InstrumentPivot:
             line = self.p_port - T[:3, 3]  # the outer end is on the other side of the port
         distance = float(np.linalg.norm(line))
         depth = self.length - distance if direct else distance
-        depth = min(max(depth, SHALLOW), self.length - SHALLOW)
+        depth = min(max(depth, SHORTEST_PART), self.length - SHORTEST_PART)
         a = self.axis  # a pose in the port gives no direction
         if distance > 1e-9:
             a = self._in_cone(line / distance)
@@ -73,14 +75,15 @@ class InstrumentPivot:
         return spatial.pose(R, self.p_port + depth * a)
 
     def _in_cone(self, a: Array) -> Array:
+        """Return the unit vector in the cone about `axis` that is nearest to the unit vector a (3,)."""
         along = float(a @ self.axis)
-        if along >= np.cos(CONE):
+        if along >= np.cos(LARGEST_ANGLE):
             return a
         across = a - along * self.axis
         size = float(np.linalg.norm(across))
         if size < 1e-9:
             return self.axis  # opposite to the axis: no edge of the cone is nearest
-        return np.cos(CONE) * self.axis + np.sin(CONE) * across / size
+        return np.cos(LARGEST_ANGLE) * self.axis + np.sin(LARGEST_ANGLE) * across / size
 
 
 def turned(a: Array, b: Array) -> Array:
@@ -89,8 +92,7 @@ def turned(a: Array, b: Array) -> Array:
     middle = a + b
     size = float(np.linalg.norm(middle))
     if size < 1e-8:  # half a turn about any axis across a
-        least = spatial.unit_across(a)
-        across = spatial.frame_from_axes(a, least)[:, 0]
+        across = spatial.frame_from_axes(a, spatial.unit_across(a))[:, 0]
         return spatial.exp_so3(np.pi * across)
     across_a = np.eye(3) - np.outer(a, 2 * a)
     across_middle = np.eye(3) - np.outer(middle, 2 / size**2 * middle)

@@ -26,7 +26,7 @@ from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROB
 
 Solver = Literal["slsqp", "damped"]
 
-_DAMPING = 1e-4
+_RELATIVE_DAMPING = 1e-4
 """Damping relative to the size of the weighted Jacobian.
 
 The damping limits the steps near singularities; elsewhere, its effect is far below the tracking errors.
@@ -57,8 +57,10 @@ def pose_error(T: Array, T_desired: Array) -> Array:
 
 @cache
 def _pose_error() -> Evaluator:
+    """Return the function (T (16), T_desired (16)) -> pose error (6)."""
     z = ca.SX.sym("z", 32)
-    T, T_desired = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
+    T = symbolic.unflat(z[:16], 4, 4)
+    T_desired = symbolic.unflat(z[16:], 4, 4)
     turn = symbolic.log_so3(T_desired[:3, :3] @ T[:3, :3].T)
     return Evaluator("pose_error", z, ca.vertcat(T_desired[:3, 3] - T[:3, 3], turn))
 
@@ -124,8 +126,8 @@ class ToolToJoints(Block):
         self.limits = limits
         self.ticks = ticks
         self.solver: Solver = solver
-        self._T = kin.forward(q)
-        self._start = np.zeros(0)  # coordinates of the tool when the rate arrived
+        self._T_base_tool = kin.forward(q)
+        self._start_coordinates = np.zeros(0)  # coordinates of the tool when the rate arrived
         self._count = 0
         self.outputs = {ROBOT_COMMAND.of(robot): q}
 
@@ -139,26 +141,26 @@ class ToolToJoints(Block):
         q = signals[ROBOT_ENCODER.of(self.robot)]
         kin = self.kin
         if ticks_done == 0:
-            self._T = kin.forward(q, self._T)
-            self._start = kin.program.coordinates_of_pose.one(self._T.ravel())
+            self._T_base_tool = kin.forward(q, self._T_base_tool)
+            self._start_coordinates = kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
         displacement = rate * (self.ticks * dt) * (ticks_done + 1) / self.ticks
-        T = kin.program.pose_of_coordinates.one(self._start + displacement)
-        result = step(kin, q, T, dt, self.limits, self.solver, seed=self._T)
+        T = kin.program.pose_of_coordinates.one(self._start_coordinates + displacement)
+        result = step(kin, q, T, dt, self.limits, self.solver, seed=self._T_base_tool)
         return {ROBOT_COMMAND.of(self.robot): result.q}
 
 
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     """Return the x that minimises |J x - e|^2 + damping^2 |x|^2 within bounds."""
     n = J.shape[1]
-    mu = _DAMPING * np.linalg.norm(J) / np.sqrt(n)
+    mu = _RELATIVE_DAMPING * np.linalg.norm(J) / np.sqrt(n)
     A = J.T @ J + mu**2 * np.eye(n)
     b = J.T @ e
     x = np.linalg.solve(A, b)
     if (x >= lower).all() and (x <= upper).all():
         return x
-    size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the solver's tolerances are absolute
-    x = _bounded(n).one(np.concatenate([A.ravel(), b / size, lower / size, upper / size]))
-    return size * x
+    error_size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the solver's tolerances are absolute
+    x = _bounded(n).one(np.concatenate([A.ravel(), b / error_size, lower / error_size, upper / error_size]))
+    return error_size * x
 
 
 @cache
@@ -179,8 +181,9 @@ def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     """Return the x that minimises |J x - e|^2 within bounds, by sequential least squares programming."""
     from scipy.optimize import minimize
 
-    size = max(float(np.abs(e).max()), 1e-15)  # scale the problem: the solver's absolute tolerance exceeds (1 um)^2
-    target = e / size
+    # scale the problem: the solver's absolute tolerance exceeds (1 um)^2
+    error_size = max(float(np.abs(e).max()), 1e-15)
+    target = e / error_size
 
     def cost(x: Array) -> tuple[float, Array]:
         r = J @ x - target
@@ -188,10 +191,10 @@ def _slsqp(J: Array, e: Array, lower: Array, upper: Array) -> Array:
 
     result = minimize(
         cost,
-        np.clip(np.zeros(J.shape[1]), lower / size, upper / size),
+        np.clip(np.zeros(J.shape[1]), lower / error_size, upper / error_size),
         jac=True,
         method="SLSQP",
-        bounds=np.column_stack([lower, upper]) / size,
+        bounds=np.column_stack([lower, upper]) / error_size,
         options={"ftol": 1e-14, "maxiter": 100},
     )
-    return size * result.x
+    return error_size * result.x

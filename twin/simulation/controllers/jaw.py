@@ -14,14 +14,14 @@ from twin.core.units import DEG
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_GRIP, ROBOT_FOLLOWS, ROBOT_JAW
 
-TRAVEL = 60 * DEG
+GRIPPER_TRAVEL = 60 * DEG
 """Travel of the gripper in rad that moves the jaw from its lower to its upper angle."""
 
-_FAST = 720 * DEG
-_SLOW = 36 * DEG
+_FAST_RATE = 720 * DEG
+_SLOW_RATE = 36 * DEG
 """Largest rates of the jaw in rad/s, in normal use and after use of the clutch."""
 
-_NEAR = 2 * DEG
+_CAUGHT_UP = 2 * DEG
 """Difference between jaw and gripper in rad below which the slow rate ends."""
 
 
@@ -41,7 +41,7 @@ class Jaw:
         self.angle = angle
         self.dt = dt
         self.closed = math.inf
-        self._slow = True
+        self._is_slow = True
         self._has_followed = False
 
     def step(self, grip: float, follows: bool) -> float:
@@ -49,14 +49,14 @@ class Jaw:
         if not self._has_followed:
             self.closed = min(self.closed, grip)
         if not follows:
-            self._slow = True
+            self._is_slow = True
             return self.angle
         self._has_followed = True
-        target = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / TRAVEL)
+        target = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / GRIPPER_TRAVEL)
         difference = target - self.angle
-        if abs(difference) < _NEAR:
-            self._slow = False
-        rate = _SLOW if self._slow else _FAST
+        if abs(difference) < _CAUGHT_UP:
+            self._is_slow = False
+        rate = _SLOW_RATE if self._is_slow else _FAST_RATE
         largest_step = rate * self.dt
         if abs(difference) <= largest_step:
             self.angle = target
@@ -78,10 +78,10 @@ class GripToJaw(Block):
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
-        self._gripped = signals.now[self._grip].item
-        self._followed = signals.now[self._follows].item
-        self._angle = memory[self._jaw]
+        self._read_grip = signals.now[self._grip].item
+        self._read_follows = signals.now[self._follows].item
+        self._output_angle = memory[self._jaw]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the jaw towards the gripper."""
-        self._angle[0] = self.jaw.step(self._gripped(), self._followed() > 0.5)
+        self._output_angle[0] = self.jaw.step(self._read_grip(), self._read_follows() > 0.5)

@@ -20,13 +20,13 @@ from twin.core.errors import WorldError
 FILTER_HZ = 30.0
 """Cut-off frequency in Hz of the rate at which a tool enters a surface; ASSUMED, above the motions of a hand."""
 
-_LOWEST = 1e-3
+_LOWEST_ANGLE = 1e-3
 """Lowest angle w T in rad per tick at which the condition of passivity is evaluated."""
 
-_FREQUENCIES = 4000
+_ANGLE_COUNT = 4000
 """Number of these angles up to pi."""
 
-_MARGIN = 0.99
+_USABLE_FRACTION = 0.99
 """Fraction of the observed energy that a force may use in one tick; the rest allows for rounding."""
 
 
@@ -47,10 +47,12 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
         damping: damping of the surface in N s/m.
         dt: duration of a tick in s.
     """
-    z = np.exp(1j * np.linspace(_LOWEST, np.pi, _FREQUENCIES))
+    z = np.exp(1j * np.linspace(_LOWEST_ANGLE, np.pi, _ANGLE_COUNT))
     a = smoothing(dt)
     # H(z): the rate is the difference of two samples, then the low-pass filter
-    surface = stiffness + damping * (z - 1) / (dt * z) * a / (1 - (1 - a) / z)
+    difference = (z - 1) / (dt * z)
+    low_pass = a / (1 - (1 - a) / z)
+    surface = stiffness + damping * difference * low_pass
     needed = dt / 2 / (1 - np.real(z)) * np.real((1 - 1 / z) * surface)
     return float(np.max(needed))
 
@@ -79,8 +81,8 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     without_damping = needed_damping(stiffness, 0.0, dt)
     remedy = "stiffness"
     if damping and device_damping > without_damping:
-        most = damping * (device_damping - without_damping) / (needed - without_damping)
-        remedy = f"damping to at most {math.floor(100 * most) / 100:g} N s/m"
+        largest = damping * (device_damping - without_damping) / (needed - without_damping)
+        remedy = f"damping to at most {math.floor(100 * largest) / 100:g} N s/m"
     raise WorldError(
         f"haptics: the damping of the device is {device_damping:g} N s/m; a surface with {stiffness:g} N/m and "
         f"{damping:g} N s/m at ticks of {dt * 1e3:g} ms needs at least {needed:.3g} N s/m. Lower the {remedy}, or "
@@ -88,10 +90,10 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     )
 
 
-def _require(what: str, value: float, unit: str, is_in_range: bool, limit: str) -> None:
+def _require(name: str, value: float, unit: str, is_in_range: bool, limit: str) -> None:
     """Raise `WorldError` unless a parameter is finite and in its range."""
     if not (math.isfinite(value) and is_in_range):
-        raise WorldError(f"haptics: the {what} is {value:g} {unit}; it must be finite and {limit}")
+        raise WorldError(f"haptics: the {name} is {value:g} {unit}; it must be finite and {limit}")
 
 
 def observed(energy: ca.SX, force: ca.SX, dh: ca.SX, device_damping: float, dt: float) -> ca.SX:
@@ -107,8 +109,8 @@ def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
 
 def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca.SX:
     """Return a force (3,) in N, shortened so that it cannot use more than `energy` in J in the next tick."""
-    most = ca.sqrt(4 * _MARGIN * device_damping / dt * ca.fmax(energy, 0))
-    return clipped(force, most)
+    largest = ca.sqrt(4 * _USABLE_FRACTION * device_damping / dt * ca.fmax(energy, 0))
+    return clipped(force, largest)
 
 
 def clipped(force: ca.SX, largest: float | ca.SX) -> ca.SX:

@@ -20,8 +20,11 @@ from twin.simulation.world.signal_kinds import (
 TOOLS, FREE, CAMERA = 0.0, 1.0, 2.0
 """Values of `console.mode`, for what the hands control: the instruments, nothing (clutch pressed), or the camera."""
 
-TAP = 0.25
+LONGEST_TAP = 0.25
 """Longest duration in s of a quick tap of the clutch (ASSUMED)."""
+
+_ROUNDING = 1e-9
+"""Time in s by which a tap may be longer: start and end of a tick are rounded."""
 
 
 class Pedals(Block):
@@ -41,47 +44,47 @@ class Pedals(Block):
         self._camera = DEVICE_CAMERA.of(device)
         self._silent = DEVICE_SILENT.of(device)
         self._taps = 0
-        self._since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
+        self._pressed_since: float | None = None  # time in s at which the clutch was pressed; infinity: unknown
         self.outputs = {CONSOLE_MODE.name: TOOLS, CONSOLE_TAPS.name: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
         now = signals.now
-        self._clutched = now[self._clutch].item
-        self._camera_down = now[self._camera].item
-        self._is_silent = now[self._silent].item if self._silent in now else None
+        self._read_clutch = now[self._clutch].item
+        self._read_camera = now[self._camera].item
+        self._read_silent = now[self._silent].item if self._silent in now else None
         self._states = [now[ROBOT_PLANNED.of(n)] for n in self._planned]
-        self._mode = memory[CONSOLE_MODE.name]
-        self._count = memory[CONSOLE_TAPS.name]
+        self._output_mode = memory[CONSOLE_MODE.name]
+        self._output_taps = memory[CONSOLE_TAPS.name]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Read both pedals."""
-        clutch = self._clutched() > 0.5
-        camera = self._camera_down() > 0.5
-        silent = self._is_silent is not None and self._is_silent() > 0.5
-        if silent:
-            self._since = math.inf if clutch else None
-        elif clutch:
-            if self._since is None:
-                self._since = t
-        elif self._since is not None:
+        is_clutch_down = self._read_clutch() > 0.5
+        is_camera_down = self._read_camera() > 0.5
+        is_silent = self._read_silent is not None and self._read_silent() > 0.5
+        if is_silent:
+            self._pressed_since = math.inf if is_clutch_down else None
+        elif is_clutch_down:
+            if self._pressed_since is None:
+                self._pressed_since = t
+        elif self._pressed_since is not None:
             # With an unknown start, the difference is minus infinity: no tap.
-            if 0 <= t - self._since <= TAP + 1e-9:
+            if 0 <= t - self._pressed_since <= LONGEST_TAP + _ROUNDING:
                 self._taps += 1
-            self._since = None
-        if clutch or silent:
-            self._mode[0] = FREE
-        elif camera and not self._rests():
-            self._mode[0] = CAMERA
+            self._pressed_since = None
+        if is_clutch_down or is_silent:
+            self._output_mode[0] = FREE
+        elif is_camera_down and not self._is_camera_at_rest():
+            self._output_mode[0] = CAMERA
         else:
-            self._mode[0] = TOOLS
-        self._count[0] = self._taps
+            self._output_mode[0] = TOOLS
+        self._output_taps[0] = self._taps
 
-    def _rests(self) -> bool:
+    def _is_camera_at_rest(self) -> bool:
         """Return whether a plan keeps the camera at rest."""
-        rests = False
+        is_at_rest = False
         for state in self._states:
             if state[0] == AIM:
                 return False  # the plan's goal is being chosen, and the view may follow it
-            rests = rests or state[0] >= HELD
-        return rests
+            is_at_rest = is_at_rest or state[0] >= HELD
+        return is_at_rest

@@ -26,8 +26,8 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_TARGET,
 )
 
-LEAP = (0.03, 0.5)
-"""Motion of a hand in m and rad in one tick above which the hand has jumped, as at the other consoles."""
+LARGEST_MOTION = (0.03, 0.5)
+"""Motion of a hand in m and rad in one tick above which the hand has jumped, as at the other consoles (`HandPace`)."""
 
 
 class PenToHandle(Block):
@@ -56,7 +56,7 @@ class PenToHandle(Block):
         self._R_base_hand = R_base_hand
         self._R_start = kin.forward(q)[:3, :3]
         self._period = period
-        self._last = np.eye(4)
+        self._last_pose = np.eye(4)
         self._free_until = 0.0
         self._was_silent = True  # until the first state of the hand
         self._jumps = 0
@@ -70,27 +70,29 @@ class PenToHandle(Block):
         """Convert the pen's pose of this tick."""
         pose = signals[HAND_POSE.of(self.hand)].reshape(4, 4)
         silent_signal = DEVICE_SILENT.of(self.device)
-        silent = silent_signal in signals and signals.now[silent_signal][0] > 0.5
-        leaps = self._leaps(pose)
-        self._last = pose
-        pressed = signals.now[DEVICE_CLUTCH.of(self.device)][0] > 0.5
-        if silent or leaps:
+        is_silent = silent_signal in signals and signals.now[silent_signal][0] > 0.5
+        has_jumped = self._has_jumped(pose)
+        self._last_pose = pose
+        is_pressed = signals.now[DEVICE_CLUTCH.of(self.device)][0] > 0.5
+        if is_silent or has_jumped:
             self._free_until = t + self._period
-        if leaps and pressed and not silent and not self._was_silent:  # after a silence, a hand may be anywhere
+        is_heard = not is_silent and not self._was_silent  # after a silence, a hand may be anywhere
+        if has_jumped and is_pressed and is_heard:
             self._jumps += 1
-        self._was_silent = silent
-        engaged = pressed and t >= self._free_until
+        self._was_silent = is_silent
+        is_engaged = is_pressed and t >= self._free_until
         return {
             HAND_HANDLE.of(self.hand): self._coordinates(pose),
-            HAND_PEDAL.of(self.hand): float(engaged),
+            HAND_PEDAL.of(self.hand): float(is_engaged),
             HAND_JUMPS.of(self.hand): float(self._jumps),
         }
 
-    def _leaps(self, pose: Array) -> bool:
+    def _has_jumped(self, pose: Array) -> bool:
         """Return whether the hand is farther from its last pose than a hand moves in one tick."""
-        distance = np.linalg.norm(pose[:3, 3] - self._last[:3, 3])
-        angle = spatial.rotation_angle(pose[:3, :3] @ self._last[:3, :3].T)
-        return bool(distance > LEAP[0] or angle > LEAP[1])
+        distance = np.linalg.norm(pose[:3, 3] - self._last_pose[:3, 3])
+        angle = spatial.rotation_angle(pose[:3, :3] @ self._last_pose[:3, :3].T)
+        largest_distance, largest_angle = LARGEST_MOTION
+        return bool(distance > largest_distance or angle > largest_angle)
 
     def _coordinates(self, pose: Array) -> Array:
         """Return the coordinates (n,) of the pen at `pose` (4, 4) in {H}."""
@@ -114,31 +116,31 @@ class PedalFollowing(Block):
         self.kin = kin
         self.law = law
         self.period = law.dt
-        self._T = kin.forward(q)
+        self._T_base_tool = kin.forward(q)
         self._jumps = HAND_JUMPS.of(hand)
         self.outputs = {
             CONSOLE_MODE.name: FREE,
             CONSOLE_TAPS.name: 0.0,
             ROBOT_FOLLOWS.of(robot): 0.0,
-            ROBOT_GOAL.of(robot): self._T.ravel(),
+            ROBOT_GOAL.of(robot): self._T_base_tool.ravel(),
             ROBOT_JUMPS.of(robot): 0.0,
             ROBOT_TARGET.of(robot): np.zeros(17),
         }
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array | float]:
         """Read handle and pedal of this tick."""
-        engaged = signals.now[HAND_PEDAL.of(self.hand)][0] > 0.5
-        if engaged:
+        is_engaged = signals.now[HAND_PEDAL.of(self.hand)][0] > 0.5
+        if is_engaged:
             goal = self.kin.program.pose_of_coordinates.one(self.law.goal(signals[HAND_HANDLE.of(self.hand)]))
         else:
-            self._T = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T)
-            goal = self._T
+            self._T_base_tool = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T_base_tool)
+            goal = self._T_base_tool
         jumps = 0.0
         if self._jumps in signals:  # a simulated hand does not jump
             jumps = float(signals.now[self._jumps][0])
         return {
-            CONSOLE_MODE.name: TOOLS if engaged else FREE,
-            ROBOT_FOLLOWS.of(self.robot): float(engaged),
+            CONSOLE_MODE.name: TOOLS if is_engaged else FREE,
+            ROBOT_FOLLOWS.of(self.robot): float(is_engaged),
             ROBOT_GOAL.of(self.robot): goal.ravel(),
             ROBOT_JUMPS.of(self.robot): jumps,
         }

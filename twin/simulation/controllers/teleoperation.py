@@ -78,9 +78,9 @@ class Teleoperation:
         self.dt = dt
         self.clutch: Clutch = clutch
         self.offset = np.zeros(coordinates)
-        self._sum = np.zeros(coordinates)
-        self._last = np.zeros(coordinates)
-        self._pressed = False
+        self._error_integral = np.zeros(coordinates)
+        self._last_error = np.zeros(coordinates)
+        self._was_pressed = False
 
     def rescale(self, scale: Array, handle: Array) -> None:
         """Set the scale (n,); with the offset corrected for the handle at `handle` (n,), the error does not jump.
@@ -104,23 +104,24 @@ class Teleoperation:
         """
         g = self.gains
         difference = g.scale * np.asarray(handle, float) - np.asarray(tool, float)
-        rising = pedal and not self._pressed
-        if rising:
+        is_rising = pedal and not self._was_pressed
+        if is_rising:
             self.offset = difference  # eq. (7)
         elif self.clutch == "printed":
             self.offset = np.zeros_like(difference)
-        self._pressed = bool(pedal)
+        self._was_pressed = bool(pedal)
         if not pedal:  # stated in the paper's text only: the output is zero while the pedal is up
             return np.zeros_like(difference)
         e = difference - self.offset  # eq. (6)
-        if rising:  # without this reset, integral and derivative would cause a jump
-            self._sum = np.zeros_like(e)
-            self._last = e
-        total = self._sum + e * self.dt
-        u = g.kp * e + g.ki * total + g.kd * (e - self._last) / self.dt  # eq. (5)
+        if is_rising:  # without this reset, integral and derivative would cause a jump
+            self._error_integral = np.zeros_like(e)
+            self._last_error = e
+        integral = self._error_integral + e * self.dt
+        u = g.kp * e + g.ki * integral + g.kd * (e - self._last_error) / self.dt  # eq. (5)
         bounded = np.clip(u, -np.asarray(g.limit), g.limit)
-        self._sum = np.where(bounded == u, total, self._sum)  # no integrator wind-up while the output is limited
-        self._last = e
+        # no integrator wind-up while the output is limited
+        self._error_integral = np.where(bounded == u, integral, self._error_integral)
+        self._last_error = e
         return bounded
 
 
@@ -136,22 +137,22 @@ class HandToTool(Block):
         never scaled.
         """
         self.robot = robot
-        self._scale = scale
-        self._lengths = np.array([unit == "m" for unit in kin.formula.coordinates.units])
+        self._scale_signal = scale
+        self._is_length = np.array([unit == "m" for unit in kin.formula.coordinates.units])
         self.device = device
         self.kin = kin
         self.law = law
         self.period = law.dt
-        self._T = kin.forward(q)
+        self._T_base_tool = kin.forward(q)
         self.outputs = {ROBOT_RATE.of(robot): np.zeros_like(law.offset)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Evaluate the control law."""
-        self._T = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T)
-        tool = self.kin.program.coordinates_of_pose.one(self._T.ravel())
+        self._T_base_tool = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T_base_tool)
+        tool = self.kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
         handle = signals[HAND_HANDLE.of(self.device)]
-        if self._scale is not None:
-            scale = np.where(self._lengths, signals.now[self._scale][0], 1.0)
+        if self._scale_signal is not None:
+            scale = np.where(self._is_length, signals.now[self._scale_signal][0], 1.0)
             if not np.array_equal(scale, self.law.gains.scale):
                 self.law.rescale(scale, handle)
         pedal = bool(signals[HAND_PEDAL.of(self.device)][0] > 0.5)

@@ -11,7 +11,7 @@ from twin.core.units import MM
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ROBOT_GOAL, ROBOT_TIP_TARGET
 
-_INSIDE = 10 * MM
+_LEAST_DEPTH = 10 * MM
 """Minimum distance in m of the tip from the port; at smaller distances, the shaft has no definite direction."""
 
 
@@ -32,16 +32,16 @@ class TipTarget(Block):
         self._goal = ROBOT_GOAL.of(robot)
         self._port = np.array(port, float)
         self._T_base_world = spatial.inverse(T_world_base)
-        self._x = T_world_tool[:3, 0].copy()
+        self._x_start = T_world_tool[:3, 0].copy()
         distance = float(np.linalg.norm(T_world_tool[:3, 3] - port))
-        if distance < _INSIDE:
+        if distance < _LEAST_DEPTH:
             raise WorldError(
                 f"{robot}: its tip is {distance / MM:.1f} mm from its port at the start; start it at least "
-                f"{_INSIDE / MM:g} mm inside"
+                f"{_LEAST_DEPTH / MM:g} mm inside"
             )
-        self._last = self._pose(T_world_tool[:3, 3])
+        self._last_goal = self._pose(T_world_tool[:3, 3])
         self._last_target = b""
-        self.outputs = {self._goal: self._last.ravel()}
+        self.outputs = {self._goal: self._last_goal.ravel()}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Compute the tool pose for the target; ignore a target that is too near to the port or not below the port."""
@@ -49,14 +49,15 @@ class TipTarget(Block):
         if p.tobytes() != self._last_target:  # a new target; comparing bytes is faster than comparing arrays
             self._last_target = p.tobytes()
             from_port = p - self._port
-            if from_port[2] < 0 and np.linalg.norm(from_port) >= _INSIDE:
-                self._last = self._pose(p)
-        return {self._goal: self._last.ravel()}
+            if from_port[2] < 0 and np.linalg.norm(from_port) >= _LEAST_DEPTH:
+                self._last_goal = self._pose(p)
+        return {self._goal: self._last_goal.ravel()}
 
     def _pose(self, target: Array) -> Array:
+        """Return the tool pose (4, 4) in base for a target (3,) in m in the World."""
         from_port = target - self._port
         z = from_port / np.linalg.norm(from_port)
-        x = self._x - z * (z @ self._x)  # the part of the first x axis across the shaft
+        x = self._x_start - z * (z @ self._x_start)  # the part of the first x axis across the shaft
         x /= np.linalg.norm(x)
         R_world_tool = np.column_stack([x, np.cross(z, x), z])
         return self._T_base_world @ spatial.pose(R_world_tool, target)

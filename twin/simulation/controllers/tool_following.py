@@ -40,27 +40,27 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_TARGET,
 )
 
-SCALE = (0.05, 1.0)
+SCALE_RANGE = (0.05, 1.0)
 """Smallest and largest motion scale."""
 
 
-_ATTITUDE = 5 * DEG
+_START_ANGLE = 5 * DEG
 """Largest angle in rad between hand and tool at the first start."""
 
-_ATTITUDE_AGAIN = 2 * DEG
+_RESTART_ANGLE = 2 * DEG
 """The same when the hand starts again after the clutch."""
 
-_GRIP = 40 * DEG
-_ROLL = 4 * DEG
+_HELD_GRIP = 40 * DEG
+_HELD_ROLL = 4 * DEG
 """Gripper travel and rotation of the handle about its axis in rad; either shows that a person holds the handle."""
 
-_TOGETHER = 0.8
-"""Smaller motions also suffice if their sum exceeds this part of the sum of `_GRIP` and `_ROLL`."""
+_COMBINED_SHARE = 0.8
+"""Smaller motions also suffice if their sum exceeds this part of the sum of `_HELD_GRIP` and `_HELD_ROLL`."""
 
 
 def is_held(grip: float, roll: float) -> bool:
     """Return whether gripper travel and handle roll, both in rad, show that a person holds the handle."""
-    return grip >= _GRIP or roll >= _ROLL or grip + roll > _TOGETHER * (_GRIP + _ROLL)
+    return grip >= _HELD_GRIP or roll >= _HELD_ROLL or grip + roll > _COMBINED_SHARE * (_HELD_GRIP + _HELD_ROLL)
 
 
 class FollowingControl:
@@ -97,9 +97,9 @@ class FollowingControl:
         self.started = False
         self.follows = False
         self.jumps = 0
-        self._tick = HandStep(laws or console(), pace or HandPace(), dt)
+        self._hand_step = HandStep(laws or console(), pace or HandPace(), dt)
         self._wanted = self.goal
-        self._coupled: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
+        self._coupling: tuple[Array, float] = np.eye(4), 1.0  # pose of {H} and scale since the hand was coupled
         self._travel: _Travel | None = None
 
     def release(self) -> None:
@@ -114,14 +114,14 @@ class FollowingControl:
             grip: angle of the gripper in rad.
             tool: (4, 4) current tool pose in {RB}.
             T: (4, 4) pose of {H} in {RB}.
-            scale: tool motion divided by hand motion, limited to `SCALE`.
+            scale: tool motion divided by hand motion, limited to `SCALE_RANGE`.
         """
-        tick = self._tick
-        tick(hand, self.goal)
-        if not tick.rigid:  # ignore an invalid pose
+        hand_step = self._hand_step
+        hand_step(hand, self.goal)
+        if not hand_step.rigid:  # ignore an invalid pose
             self.follows = False
             return self.goal
-        scale = min(max(scale, SCALE[0]), SCALE[1])
+        scale = min(max(scale, SCALE_RANGE[0]), SCALE_RANGE[1])
         if not self.follows:
             if not self._may_begin(hand, grip, tool, T):
                 return self.goal
@@ -129,33 +129,40 @@ class FollowingControl:
             self._couple(hand, self.goal, T, scale, hand)
             self.started = True
             self.follows = True
-        elif tick.jumped:
+        elif hand_step.jumped:
             self.jumps += 1
-            self._couple(hand, self._wanted, *self._coupled, hand)
-        elif scale != self._coupled[1] or (T is not self._coupled[0] and (self._coupled[0] != T).any()):
-            self._couple(tick.last.copy(), self._wanted, T, scale, hand)
-        self._wanted = tick.wanted
-        self.goal = tick.goal
-        tick.last[...] = hand
+            self._couple(hand, self._wanted, *self._coupling, hand)
+        elif self._has_other_coupling(T, scale):
+            self._couple(hand_step.last.copy(), self._wanted, T, scale, hand)
+        self._wanted = hand_step.wanted
+        self.goal = hand_step.goal
+        hand_step.last[...] = hand
         return self.goal
+
+    def _has_other_coupling(self, T: Array, scale: float) -> bool:
+        """Return whether pose T (4, 4) of {H} in {RB}, or the scale, are not those with which the hand was coupled."""
+        T_coupled, scale_coupled = self._coupling
+        if scale != scale_coupled:
+            return True
+        return T is not T_coupled and bool((T_coupled != T).any())  # the same array is the usual case
 
     def _couple(self, W_0: Array, P_0: Array, T: Array, scale: float, hand: Array) -> None:
         """Couple the hand at W_0 with the tool at P_0, each (4, 4); then repeat this tick with the pose `hand`."""
-        self._coupled = T, scale
-        self._tick.couple(W_0, P_0, T, scale)
-        self._tick(hand, self.goal)
+        self._coupling = T, scale
+        self._hand_step.couple(W_0, P_0, T, scale)
+        self._hand_step(hand, self.goal)
 
     def _may_begin(self, hand: Array, grip: float, tool: Array, T: Array) -> bool:
         angle = 0.0  # without motors, handle and tool need not be aligned
         if self.aligns:
             angle = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T))
         if self.started:
-            return angle < _ATTITUDE_AGAIN
+            return angle < _RESTART_ANGLE
         if self._travel is None:
             self._travel = _Travel(hand[:3, :3].copy(), grip)
         else:
             self._travel.add(hand[:3, :3], grip)
-        return angle < _ATTITUDE and is_held(self._travel.grip, self._travel.roll)
+        return angle < _START_ANGLE and is_held(self._travel.grip, self._travel.roll)
 
 
 class _Travel:
@@ -250,8 +257,8 @@ class HandToPose(Block):
         self.arms = tuple(arms)
         self.view = view
         self._T_view_hand = T_view_hand
-        self._view: tuple[bytes, list[Array]] = b"", []
-        self._direct = False
+        self._view_and_poses: tuple[bytes, list[Array]] = b"", []
+        self._is_direct = False
         self._plans = plans
         self._states = [OFF] * len(self.arms)
         self._T_base_world = []
@@ -272,51 +279,51 @@ class HandToPose(Block):
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
         now = signals.now
-        self._pose = now[HAND_POSE.of(self.hand)].reshape(4, 4)
-        self._grip = now[HAND_GRIP.of(self.hand)].item
-        self._scale = now[DEVICE_SCALE.of(self.device)].item
-        self._mode = now[CONSOLE_MODE.name].item
-        self._taps = now[CONSOLE_TAPS.name].item
-        self._fulcrum = None
+        self._hand_pose = now[HAND_POSE.of(self.hand)].reshape(4, 4)
+        self._read_grip = now[HAND_GRIP.of(self.hand)].item
+        self._read_scale = now[DEVICE_SCALE.of(self.device)].item
+        self._read_mode = now[CONSOLE_MODE.name].item
+        self._read_taps = now[CONSOLE_TAPS.name].item
+        self._read_fulcrum = None
         if DEVICE_FULCRUM.of(self.device) in signals:
-            self._fulcrum = now[DEVICE_FULCRUM.of(self.device)].item
+            self._read_fulcrum = now[DEVICE_FULCRUM.of(self.device)].item
         if isinstance(self.view, str):
-            self._camera = now[CAMERA_VIEW.of(self.view)]
+            self._view_values = now[CAMERA_VIEW.of(self.view)]
         else:
-            self._camera = self.view
-        self._out = []
+            self._view_values = self.view
+        self._outputs_of_arms = []
         self._planned = []
-        self._aims = []
+        self._target_flags = []
         self._targets = []
         for arm in self.arms:
             goal = memory[ROBOT_GOAL.of(arm.robot)].reshape(4, 4)
-            self._out.append((goal, memory[ROBOT_FOLLOWS.of(arm.robot)], memory[ROBOT_JUMPS.of(arm.robot)]))
+            self._outputs_of_arms.append((goal, memory[ROBOT_FOLLOWS.of(arm.robot)], memory[ROBOT_JUMPS.of(arm.robot)]))
             if self._plans:
                 target = memory[ROBOT_TARGET.of(arm.robot)]
                 self._planned.append(now[ROBOT_PLANNED.of(arm.robot)])
-                self._aims.append(target[:1])
+                self._target_flags.append(target[:1])
                 self._targets.append(target[1:].reshape(4, 4))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
-        direct = self._fulcrum is not None and self._fulcrum() > 0.5
-        if direct is not self._direct:
-            self._direct = direct
+        is_direct = self._read_fulcrum is not None and self._read_fulcrum() > 0.5
+        if is_direct is not self._is_direct:
+            self._is_direct = is_direct
             for law in self._laws:
                 law.release()  # the hand is coupled again, with the other end of the instrument
         active = -1  # no arm
-        if self._mode() == TOOLS:
-            active = int(self._taps()) % len(self._laws)
-        for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._out, strict=True)):
+        if self._read_mode() == TOOLS:
+            active = int(self._read_taps()) % len(self._laws)
+        for i, (law, (goal, follows, jumps)) in enumerate(zip(self._laws, self._outputs_of_arms, strict=True)):
             state = self._state(i, signals) if self._plans else OFF
             if i == active and state == OFF:
                 if not law.follows:  # the tool's current pose is used when the hand is coupled
-                    self._tools[i] = self._at(i, signals)
-                self._lead(i, law, goal)
+                    self._tools[i] = self._present_tool(i, signals)
+                self._move(i, law, goal)
             elif i == active and state == AIM:
                 if not law.follows:
                     self._tools[i] = self._targets[i].copy()
-                self._lead(i, law, self._targets[i])
+                self._move(i, law, self._targets[i])
             else:
                 law.release()
             if state == RUN:
@@ -324,9 +331,9 @@ class HandToPose(Block):
             follows[0] = law.follows and state == OFF
             jumps[0] = law.jumps
             if self._plans:
-                self._aims[i][0] = law.follows and state == AIM
+                self._target_flags[i][0] = law.follows and state == AIM
 
-    def _at(self, i: int, signals: Signals) -> Array:
+    def _present_tool(self, i: int, signals: Signals) -> Array:
         """Return the present pose (4, 4) of the tool of an arm."""
         return self.arms[i].kin.forward(signals[ROBOT_ENCODER.of(self.arms[i].robot)], self._tools[i])
 
@@ -339,31 +346,31 @@ class HandToPose(Block):
             law = self._laws[i]
             law.release()
             if state == AIM and previous == OFF:
-                self._targets[i][...] = self._at(i, signals)
+                self._targets[i][...] = self._present_tool(i, signals)
             if state == AIM:
                 law.goal = self._targets[i].copy()
             else:
-                law.goal = self._out[i][0].copy()
+                law.goal = self._outputs_of_arms[i][0].copy()
         return state
 
-    def _lead(self, i: int, law: FollowingControl, goal: Array) -> None:
+    def _move(self, i: int, law: FollowingControl, goal: Array) -> None:
         """Write the goal (4, 4) of an arm that the hand moves."""
         T_base_hand = self._poses_of_hand()[i]
         pivot = self.arms[i].pivot
         controlled = self._tools[i]  # pose that the hand controls: of the tool, or of the instrument's outer end
         if pivot is None:
-            goal[...] = law.step(self._pose, self._grip(), controlled, T_base_hand, self._scale())
+            goal[...] = law.step(self._hand_pose, self._read_grip(), controlled, T_base_hand, self._read_scale())
             return
-        if self._direct and not law.follows:
+        if self._is_direct and not law.follows:
             controlled = pivot.outer(controlled)
-        controlled = law.step(self._pose, self._grip(), controlled, T_base_hand, self._scale())
+        controlled = law.step(self._hand_pose, self._read_grip(), controlled, T_base_hand, self._read_scale())
         if law.follows:
-            goal[...] = pivot.tool(controlled, self._direct)
+            goal[...] = pivot.tool(controlled, self._is_direct)
 
     def _poses_of_hand(self) -> list[Array]:
         """Return the pose (4, 4) of {H} in the base of each arm; recompute the poses only if the view has moved."""
-        view = self._camera.tobytes()
-        if view != self._view[0]:
-            T_world_hand = self._camera.reshape(4, 4) @ self._T_view_hand
-            self._view = view, [T @ T_world_hand for T in self._T_base_world]
-        return self._view[1]
+        view = self._view_values.tobytes()
+        if view != self._view_and_poses[0]:
+            T_world_hand = self._view_values.reshape(4, 4) @ self._T_view_hand
+            self._view_and_poses = view, [T @ T_world_hand for T in self._T_base_world]
+        return self._view_and_poses[1]

@@ -9,7 +9,7 @@ from twin.core.units import DEG
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_GRIP, ROBOT_FOLLOWS, ROBOT_OPENING, ROBOT_PEDAL
 
-HALF = 20 * DEG
+HALF_GRIP = 20 * DEG
 """Angle of a gripper in rad above which it is open: half of its travel."""
 
 
@@ -30,32 +30,32 @@ class GripToTool(Block):
         self._follows = ROBOT_FOLLOWS.of(robot)
         self._opening = ROBOT_OPENING.of(robot)
         self._pedal = ROBOT_PEDAL.of(robot)
-        self._open = True
-        self._controlled = False  # whether the gripper controls the jaws
+        self._is_open = True
+        self._has_control = False  # whether the gripper controls the jaws
         self._was_closed = False  # whether the gripper was closed since the robot last followed the hand
-        self._takes = False  # whether the gripper was opened before the robot followed, and is still open
+        self._is_taking_control = False  # whether the gripper was opened before the robot followed, and is still open
         self.outputs = {self._opening: 1.0, self._pedal: 0.0}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Store views of the signals that this block reads."""
-        self._gripped = signals.now[self._grip].item
-        self._followed = signals.now[self._follows].item
-        self._opening_value = memory[self._opening]
-        self._pedal_value = memory[self._pedal]
+        self._read_grip = signals.now[self._grip].item
+        self._read_follows = signals.now[self._follows].item
+        self._output_opening = memory[self._opening]
+        self._output_pedal = memory[self._pedal]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Let the gripper control the jaws."""
-        is_open = self._gripped() > HALF
-        if self._followed() <= 0.5:
-            self._controlled = False
+        is_open = self._read_grip() > HALF_GRIP
+        if self._read_follows() <= 0.5:
+            self._has_control = False
             self._was_closed = self._was_closed or not is_open
-            self._takes = self._was_closed and is_open
-        elif self._takes:
-            self._takes = is_open
+            self._is_taking_control = self._was_closed and is_open
+        elif self._is_taking_control:
+            self._is_taking_control = is_open
             self._was_closed = False
-        elif self._controlled or is_open is self._open:
-            self._controlled = True
+        elif self._has_control or is_open is self._is_open:
+            self._has_control = True
             self._was_closed = False
-            self._open = is_open
-        self._opening_value[0] = float(self._open)
-        self._pedal_value[0] = float(self._controlled and self._open)
+            self._is_open = is_open
+        self._output_opening[0] = float(self._is_open)
+        self._output_pedal[0] = float(self._has_control and self._is_open)

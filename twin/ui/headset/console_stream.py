@@ -21,7 +21,7 @@ from twin.model.tool import DOES
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.tool_following import SCALE
+from twin.simulation.controllers.tool_following import SCALE_RANGE
 from twin.simulation.controllers.trainer_states import TrainerMode
 from twin.simulation.devices.packets import Packets
 from twin.simulation.devices.received_hands import HandState
@@ -151,7 +151,7 @@ class ConsoleStream(LiveConsole):
         return {
             "hands": {"right": list(table.right), "left": list(table.left)},
             "camera": table.camera,
-            "scale": list(SCALE),
+            "scale": list(SCALE_RANGE),
             "patience": self.device.patience,
             "fulcrum": bool(table.instrument_mm),
             "task": self.referee is not None,
@@ -223,7 +223,7 @@ class ConsoleStream(LiveConsole):
         Raises:
             TwinError: the topic is invalid, or the package for MQTT is not installed.
         """
-        self.tablet = ScaleTopic(host, port, topic, SCALE, self.table.scale, self.device.rescale)
+        self.tablet = ScaleTopic(host, port, topic, SCALE_RANGE, self.table.scale, self.device.rescale)
         self.tablet.reports.tell = self._warn
         self._broker_connection = asyncio.ensure_future(self.tablet.run())
 

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.console_scene import PEDALS
-from twin.simulation.controllers.camera import Drag
+from twin.simulation.controllers.camera import CameraDrag
 from twin.simulation.controllers.instrument_pivot import FULCRUMS
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.setup import Member, Setup
@@ -181,7 +181,7 @@ def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
     return None
 
 
-def camera_limit(at: Array, drag: Drag) -> str | None:
+def camera_limit(at: Array, drag: CameraDrag) -> str | None:
     """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
     for k, name in enumerate(("pan", "tilt", "depth", "roll")):
         if _at_limit(at[k], drag.lower[k], drag.upper[k], _CAMERA_LIMIT_TOLERANCE):

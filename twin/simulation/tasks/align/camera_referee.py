@@ -37,27 +37,27 @@ class CameraReferee(Block):
         self.moves = 0
         self.time = 0.0
         self._at_name = CAMERA_AT.of(camera)
-        self._at: Array | None = None
-        self._begun: float | None = None
-        self._moved = False
+        self._last_at: Array | None = None
+        self._begin_time: float | None = None
+        self._has_moved = False  # in the present press of the camera pedal
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Read the signals at the end of this tick."""
         at = signals.now[self._at_name].copy()
-        before = self._at
-        self._at = at
-        pressed = signals.now[DEVICE_CAMERA.of(PEDALS)].item() > 0.5
-        if not pressed:
-            self._moved = False
+        previous_at = self._last_at
+        self._last_at = at
+        is_pressed = signals.now[DEVICE_CAMERA.of(PEDALS)].item() > 0.5
+        if not is_pressed:
+            self._has_moved = False
         if signals.now[CONSOLE_MODE.name].item() != CAMERA:
             return {}
-        if self._begun is None:
-            self._begun = t
-        if before is not None and not np.array_equal(at, before):
-            if not self._moved:
+        if self._begin_time is None:
+            self._begin_time = t
+        if previous_at is not None and not np.array_equal(at, previous_at):
+            if not self._has_moved:
                 self.moves += 1
-            self._moved = True
-            self.time = t - self._begun
+            self._has_moved = True
+            self.time = t - self._begin_time
         return {}
 
     def content(self) -> JsonObject:

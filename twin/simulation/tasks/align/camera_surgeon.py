@@ -19,20 +19,20 @@ from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.world.signal_kinds import SURGEON_TARGET
 
-_STROKES = 25
+_LARGEST_STROKES = 25
 """Maximum number of strokes per press of the pedal."""
 
-_PRESSES = 12
+_LARGEST_PRESSES = 12
 """Maximum number of presses of the pedal, after which the surgeon gives up."""
 
-_TURNED = 0.08 * DEG
+_ANGLE_TOLERANCE = 0.08 * DEG
 """Largest angle in rad between line and upper side that the surgeon accepts; ASSUMED."""
 
-_ASIDE = 0.01
+_OFFSET_TOLERANCE = 0.01
 """Largest distance between corresponding ends of line and upper side, divided by the length of the line, that the
 surgeon accepts; ASSUMED."""
 
-_ACUITY = 0.02 * DEG
+_ANGLE_NOISE = 0.02 * DEG
 """Standard deviation in rad of the surgeon's error in seeing the angle; ASSUMED."""
 
 HABITS = Habits(hand=HandMotion(misjudge=0.05))
@@ -68,14 +68,14 @@ class CameraSurgeon(SurgeonHands):
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
         yield from self._show()
-        for _ in range(_PRESSES):
+        for _ in range(_LARGEST_PRESSES):
             self._camera = True
             yield from self._rest(0.1)
             yield from self._align()
             self._camera = False
             yield from self._rest(self.habits.settle)
-            displacement, angle = self._seen()
-            if self._near(displacement, angle):
+            displacement, angle = self._seen_error()
+            if self._is_aligned(displacement, angle):
                 break
         else:
             self.missed.append(self.task)
@@ -84,9 +84,9 @@ class CameraSurgeon(SurgeonHands):
     def _align(self) -> Generator[None, None, None]:
         """Move the camera by strokes of both hands until the upper side lies on the line."""
         right, left = self.arms
-        for _ in range(_STROKES):
-            displacement, angle = self._seen()
-            if self._near(displacement, angle):
+        for _ in range(_LARGEST_STROKES):
+            displacement, angle = self._seen_error()
+            if self._is_aligned(displacement, angle):
                 return
             common = self._misjudged(displacement) / self.habits.drag
             roll = float(self._misjudged(np.array([0.0, 0.0, angle]))[2])
@@ -95,14 +95,14 @@ class CameraSurgeon(SurgeonHands):
             strokes = {right: common + opposite, left: common - opposite}
             yield from self._stroke(strokes, self.habits.settle)
 
-    def _near(self, displacement: Array, angle: float) -> bool:
+    def _is_aligned(self, displacement: Array, angle: float) -> bool:
         """Return whether the surgeon accepts the remaining displacement (3,) in m and the remaining angle in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
         depth = length / (2 * self._half * self.line)  # here, the rectangle appears as long as the line
         relative = np.abs(displacement / [length, length, depth])
-        return abs(angle) < _TURNED and float(relative.max()) < _ASIDE
+        return abs(angle) < _ANGLE_TOLERANCE and float(relative.max()) < _OFFSET_TOLERANCE
 
-    def _seen(self) -> tuple[Array, float]:
+    def _seen_error(self) -> tuple[Array, float]:
         """Return the displacement (3,) in m and the angle in rad by which the scene has to move in the picture."""
         ends = self._in_picture({"left": self.upper[0], "right": self.upper[1]})
         left = ends["left"]
@@ -110,7 +110,7 @@ class CameraSurgeon(SurgeonHands):
         left_seen = left[:2] / -left[2]  # the camera looks along -z
         right_seen = right[:2] / -right[2]
         across = right_seen - left_seen
-        angle = -float(np.arctan2(across[1], across[0])) + _ACUITY * float(self._rng.normal())
+        angle = -float(np.arctan2(across[1], across[0])) + _ANGLE_NOISE * float(self._rng.normal())
         ratio = float(np.linalg.norm(across)) / (2 * self._half * self.line)
         middle = (left_seen + right_seen) / 2
         depth = -(left[2] + right[2]) / 2

@@ -20,10 +20,10 @@ from twin.simulation.tasks.align.task import RECTANGLE, Alignment
 from twin.simulation.world import Recording
 from twin.simulation.world.signal_kinds import CONSOLE_MODE, HAND_POSE
 
-AGREE = 0.05 * DEG
+ANGLE_AGREEMENT = 0.05 * DEG
 """Largest difference in rad between the angle by projection and the angle in the picture."""
 
-_COVERED = 0.002
+_LARGEST_COVERED = 0.002
 """Maximum fraction of the rectangle that may be covered when its angle is measured in a picture."""
 
 
@@ -49,7 +49,7 @@ class AlignMeasures:
     angle: float
     off: float
     seen: float | None
-    refused: str
+    refusal: str
     path: float
     hands: Mapping[str, float]
     course: Array = field(compare=False)
@@ -72,26 +72,26 @@ def measure(
         sight: all surfaces, and the pose of the camera, at the end of the session; computed from the mechanisms.
         lens: (k, 3) position of the lens in m.
     """
-    driven = recording[CONSOLE_MODE.name][:, 0] == CAMERA
-    time = _time(recording.t, driven, lens)
+    is_driven = recording[CONSOLE_MODE.name][:, 0] == CAMERA
+    time = _time(recording.t, is_driven, lens)
     course = np.array([projected_side.seen_ends(alignment, T, view) for T in Ts_world_picture])
     angle = projected_side.angle(course[-1])
-    deviation = projected_side.off(course[-1], alignment.line)
-    seen, refused = in_picture(sight, view)
+    off_line = projected_side.off(course[-1], alignment.line)
+    seen, refusal = in_picture(sight, view)
     # a step from one sample to the next counts if the pedal is down at both of them
-    driven_steps = driven[1:] & driven[:-1]
+    is_driven_step = is_driven[1:] & is_driven[:-1]
     hands = {}
     for hand in HANDS:
         p = recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[:, :3, 3]
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
-        hands[hand] = float(steps[driven_steps].sum())
+        hands[hand] = float(steps[is_driven_step].sum())
     path = movement.path_length(lens)
-    return AlignMeasures(time, angle, deviation, seen, refused, path, hands, course)
+    return AlignMeasures(time, angle, off_line, seen, refusal, path, hands, course)
 
 
-def _time(t: Array, driven: np.ndarray, lens: Array) -> float:
+def _time(t: Array, is_driven: np.ndarray, lens: Array) -> float:
     """Return the time in s from the first press of the camera pedal to the end of the last motion; lens (k, 3)."""
-    presses = np.flatnonzero(driven)
+    presses = np.flatnonzero(is_driven)
     steps = np.linalg.norm(np.diff(lens, axis=0), axis=1)
     moving_steps = np.flatnonzero(steps > 0)
     start = 0.0
@@ -120,11 +120,11 @@ class CameraView:
 def in_picture(sight: CameraView, view: float) -> tuple[float | None, str]:
     """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if this angle cannot be measured."""
     rendered = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
-    if sum(rendered.covered.values()) > _COVERED:
+    if sum(rendered.covered.values()) > _LARGEST_COVERED:
         owners = []
         parts = []
         for owner, fraction in rendered.covered.items():
-            if fraction > _COVERED / 4:  # a robot that covers almost nothing need not be moved
+            if fraction > _LARGEST_COVERED / 4:  # a robot that covers almost nothing need not be moved
                 owners.append(owner)
                 parts.append(f"{owner} covers {Quantity(100 * fraction, '%')}")
         return None, f"{' and '.join(parts)} of the rectangle: move {' and '.join(owners)} aside"

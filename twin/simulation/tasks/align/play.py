@@ -59,12 +59,12 @@ class AlignOutcome(TaskOutcome):
                 word="allowed",
             )
         if aligned.seen is None:
-            text = f"AlignErr cannot be measured in the picture: {aligned.refused}"
+            text = f"AlignErr cannot be measured in the picture: {aligned.refusal}"
             yield warning("task.unseen", self.name, text)
             return
         # NaN, if the rectangle is behind the lens, is reported above and is no difference
         difference = abs(aligned.seen - aligned.angle)
-        if difference > camera_task.AGREE:
+        if difference > camera_task.ANGLE_AGREEMENT:
             seen_deg = aligned.seen / DEG
             projected_deg = aligned.angle / DEG
             yield disagreement(
@@ -72,7 +72,7 @@ class AlignOutcome(TaskOutcome):
                 self.name,
                 f"AlignErr is {seen_deg:.3f} deg in the picture and {projected_deg:.3f} deg by projection; difference",
                 Quantity(difference / DEG, "deg"),
-                camera_task.AGREE / DEG,
+                camera_task.ANGLE_AGREEMENT / DEG,
             )
 
     def content(self) -> JsonObject:
@@ -92,7 +92,7 @@ class AlignOutcome(TaskOutcome):
             "time_s": aligned.time,
             "align_err_deg": angle,
             "align_err_in_picture_deg": angle_in_picture,
-            "not_in_picture": aligned.refused or None,
+            "not_in_picture": aligned.refusal or None,
             "off_line": off_line,
             "lens_path_mm": aligned.path / MM,
             "hand_paths_mm": {hand: path / MM for hand, path in aligned.hands.items()},

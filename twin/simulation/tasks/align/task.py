@@ -28,10 +28,10 @@ RECTANGLE = "target_rectangle"
 """Name of the rectangle's surface."""
 
 _PLATE_RGBA = (0.08, 0.085, 0.09, 1.0)
-_THICK = 2e-3
+_PLATE_THICKNESS = 2e-3
 """Thickness of the plate in m."""
 
-_BEFORE = 1e-4
+_RECTANGLE_GAP = 1e-4
 """Distance in m from the plate to the rectangle, so that the plate does not hide it."""
 
 _BOX_FACES = ((3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
@@ -105,7 +105,7 @@ class Alignment:
     def upper(self) -> Array:
         """Left and right end (2, 3) in m of the rectangle's upper side in the World."""
         w, h = self.size
-        return self._in_world(np.array([[-w / 2, h / 2, _BEFORE], [w / 2, h / 2, _BEFORE]]))
+        return self._in_world(np.array([[-w / 2, h / 2, _RECTANGLE_GAP], [w / 2, h / 2, _RECTANGLE_GAP]]))
 
     def _in_world(self, p_plate: Array) -> Array:
         """Return points (n, 3) in the World for points (n, 3) in the frame of the plate, in m."""
@@ -114,11 +114,11 @@ class Alignment:
 
     def body(self) -> Body:
         """Return the plate and the rectangle as a drawn body in the World frame."""
-        box = np.concatenate([_corners(self.plate, -_THICK), _corners(self.plate, 0.0)])
+        box = np.concatenate([_corners(self.plate, -_PLATE_THICKNESS), _corners(self.plate, 0.0)])
         triangles = []
         for a, b, c, d in _BOX_FACES:
             triangles += [(a, b, c), (a, c, d)]
-        rectangle = _corners(self.size, _BEFORE)
+        rectangle = _corners(self.size, _RECTANGLE_GAP)
         halves = [(0, 1, 2), (0, 2, 3)]
         finish = Finish(roughness=0.9)
         meshes = (

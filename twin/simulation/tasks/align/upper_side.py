@@ -13,25 +13,34 @@ from twin.core.errors import TwinError
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 
-_GREEN = 0.02
+_LEAST_GREEN = 0.02
 """Minimum difference between green and the larger of red and blue (all linear) at the greenest pixel."""
 
-_SHORTEST = 60
+_LEAST_COLUMNS = 60
 """Minimum number of columns of an upper side; with fewer columns, the angle error may exceed 0.05 degrees."""
 
-_OFF = 0.75
+_LINE_TOLERANCE = 0.75
 """Maximum distance in pixels of a point of the upper side from its line; without smoothing, up to 0.5 is normal."""
 
-_FULL = 0.97
+_LARGEST_OFF_SHARE = 0.02
+"""Maximum fraction of the columns of the upper side that are not on its line."""
+
+_WIDEST_GAP = 3
+"""Maximum number of columns from one column on the line to the next."""
+
+_FULL_FRACTION = 0.97
 """Minimum green fraction of a fully green pixel."""
 
-_ABOVE = 4
+_EDGE_ROWS = 4
 """Number of rows, above the first fully green pixel of a column, that contain the edge."""
 
-_INSIDE = np.arange(3, 8)
+_FULL_ROWS = np.arange(3, 8)
 """Rows in which a column is fully green, counted downwards from its first green pixel."""
 
-_DENT = 0.02
+_BORDER_GREEN = 0.1
+"""Green fraction of a pixel on the border of the picture above which the border cuts the rectangle."""
+
+_LARGEST_DENT = 0.02
 """Maximum fraction of the mask's area that may be missing from its convex hull."""
 
 
@@ -59,18 +68,18 @@ def angle(rgb: Array) -> float:
     xs = x[inside]
     ys = y[inside]
     columns = np.ptp(xs) + 1
-    if columns < _SHORTEST:
+    if columns < _LEAST_COLUMNS:
         raise UnmeasuredError(
-            f"the upper side of the rectangle has {columns:.0f} pixels in the picture (minimum {_SHORTEST}); "
+            f"the upper side of the rectangle has {columns:.0f} pixels in the picture (minimum {_LEAST_COLUMNS}); "
             "move the camera nearer"
         )
     between = (x > xs[0]) & (x < xs[-1])
     off_line = np.count_nonzero(between & ~inside)
     widest_gap = np.diff(xs).max()
-    if off_line > 0.02 * np.count_nonzero(between) or widest_gap > 3:
+    if off_line > _LARGEST_OFF_SHARE * np.count_nonzero(between) or widest_gap > _WIDEST_GAP:
         raise UnmeasuredError("the upper side of the rectangle is not one straight line: something covers part of it")
-    cut = 2 + len(xs) // 50  # corners are rounded by the pixels
-    slope = float(np.polyfit(xs[cut:-cut], ys[cut:-cut], 1)[0])
+    corner_columns = 2 + len(xs) // 50  # left out at both ends: corners are rounded by the pixels
+    slope = float(np.polyfit(xs[corner_columns:-corner_columns], ys[corner_columns:-corner_columns], 1)[0])
     return -float(np.arctan(slope))
 
 
@@ -81,31 +90,33 @@ def _mask(rgb: Array) -> Array:
     is not the same everywhere.
     """
     green = rgb[..., 1] - np.maximum(rgb[..., 0], rgb[..., 2])
-    if green.max() < _GREEN:
+    if green.max() < _LEAST_GREEN:
         raise UnmeasuredError("the rectangle is not in the picture")
-    half = 0.5 * green.max()
-    first = (green > half).argmax(axis=0)
-    inside = np.minimum(first + _INSIDE[:, None], len(green) - 1)
-    full = np.median(np.take_along_axis(green, inside, axis=0), axis=0)
-    full = np.maximum(full, half)  # columns without the rectangle
-    return np.clip(green / full, 0.0, 1.0)
+    half_green = 0.5 * green.max()
+    first_row = (green > half_green).argmax(axis=0)
+    inside = np.minimum(first_row + _FULL_ROWS[:, None], len(green) - 1)
+    full_green = np.median(np.take_along_axis(green, inside, axis=0), axis=0)
+    full_green = np.maximum(full_green, half_green)  # columns without the rectangle
+    return np.clip(green / full_green, 0.0, 1.0)
 
 
 def _require_inside(mask: Array) -> None:
+    """Raise `UnmeasuredError` if a border of the picture cuts the rectangle."""
     borders = {"upper": mask[0], "lower": mask[-1], "left": mask[:, 0], "right": mask[:, -1]}
-    cut = []
+    cutting = []
     for name, line in borders.items():
-        if line.max() > 0.1:
-            cut.append(name)
-    if cut:
-        raise UnmeasuredError(f"the {' and the '.join(cut)} border of the picture cuts the rectangle")
+        if line.max() > _BORDER_GREEN:
+            cutting.append(name)
+    if cutting:
+        raise UnmeasuredError(f"the {' and the '.join(cutting)} border of the picture cuts the rectangle")
 
 
 def _require_convex(mask: Array) -> None:
+    """Raise `UnmeasuredError` if the rectangle is too small, or if something covers a part of it."""
     rows, columns = np.nonzero(mask > 0.5)
-    if len(rows) < _SHORTEST or not np.ptp(rows) or not np.ptp(columns):
+    if len(rows) < _LEAST_COLUMNS or not np.ptp(rows) or not np.ptp(columns):
         raise UnmeasuredError(
-            f"the rectangle has {len(rows)} pixels in the picture (minimum {_SHORTEST}); move the camera nearer"
+            f"the rectangle has {len(rows)} pixels in the picture (minimum {_LEAST_COLUMNS}); move the camera nearer"
         )
     try:  # hull of the pixels' middles: half a pixel smaller on every side
         hull = ConvexHull(np.column_stack([columns, rows]))
@@ -115,7 +126,7 @@ def _require_convex(mask: Array) -> None:
         ) from error
     # in two dimensions, `volume` is the area and `area` the perimeter; both are of the pixels' middles
     missing = float(hull.volume + hull.area / 2 + 1) - len(rows)
-    if missing > _DENT * len(rows) + 0.25 * hull.area:
+    if missing > _LARGEST_DENT * len(rows) + 0.25 * hull.area:
         raise UnmeasuredError(
             f"something covers part of the rectangle: {missing / len(rows):.0%} of its area is missing"
         )
@@ -123,26 +134,26 @@ def _require_convex(mask: Array) -> None:
 
 def _upper(mask: Array) -> tuple[Array, Array]:
     """Return columns (k,), and for each column the height (k,) of the upper edge in pixels from the top."""
-    full = mask >= _FULL
-    columns = np.flatnonzero(full.any(axis=0))
-    first = full.argmax(axis=0)[columns]
-    padded = np.pad(mask, ((_ABOVE, 0), (0, 0)))
+    is_full = mask >= _FULL_FRACTION
+    columns = np.flatnonzero(is_full.any(axis=0))
+    first_row = is_full.argmax(axis=0)[columns]
+    padded = np.pad(mask, ((_EDGE_ROWS, 0), (0, 0)))
     above = np.zeros(len(columns))
-    for k in range(1, _ABOVE + 1):
-        above += padded[first + _ABOVE - k, columns]
-    return columns.astype(float), first - above
+    for k in range(1, _EDGE_ROWS + 1):
+        above += padded[first_row + _EDGE_ROWS - k, columns]
+    return columns.astype(float), first_row - above
 
 
 def _longest_line(x: Array, y: Array) -> tuple[np.ndarray, float]:
     """Find the line that contains most columns; return ((k,) bool: whether each column is on the line, slope)."""
-    best = np.zeros(len(x), bool)
+    is_on_best = np.zeros(len(x), bool)
     slope = 0.0
-    picks = spread(len(x), 24)
-    for i, a in enumerate(picks):
-        for b in picks[i + 1 :]:
+    sample_columns = spread(len(x), 24)
+    for i, a in enumerate(sample_columns):
+        for b in sample_columns[i + 1 :]:
             rise = (y[b] - y[a]) / (x[b] - x[a])
-            on_line = np.abs(y - y[a] - rise * (x - x[a])) < _OFF
-            if on_line.sum() > best.sum():
-                best = on_line
+            is_on_line = np.abs(y - y[a] - rise * (x - x[a])) < _LINE_TOLERANCE
+            if is_on_line.sum() > is_on_best.sum():
+                is_on_best = is_on_line
                 slope = float(rise)
-    return best, slope
+    return is_on_best, slope

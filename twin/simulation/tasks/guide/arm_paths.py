@@ -1,4 +1,4 @@
-"""Plan paths ("ways") of one arm around obstacles: props, movable objects, and other robots at given poses."""
+"""Plan paths of one arm around obstacles: props, movable objects, and other robots at given poses."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from twin.reference.joint_space import JointSpace
 from twin.reference.obstacles import obstacles
 from twin.simulation.setup import Setup
 
-_STEP = 8 * MM
-"""Largest motion of the tool in m between two poses of a way."""
+_LARGEST_STEP = 8 * MM
+"""Largest motion of the tool in m between two poses of a path."""
 
-_TURN = 10 * DEG
-"""Largest rotation of the tool in rad between two poses of a way."""
+_LARGEST_TURN = 10 * DEG
+"""Largest rotation of the tool in rad between two poses of a path."""
 
-_FINE = 200
+_PATH_POINTS = 200
 """Number of points on a path between which the motion of the tool is measured."""
 
 
-class Ways:
-    """Plans ways (collision-free paths) for the arms of a scene, one at a time, with `planning.obstacle_avoidance`."""
+class ArmPaths:
+    """Plans collision-free paths for the arms of a scene, one at a time, with `planning.obstacle_avoidance`."""
 
     def __init__(self, setup: Setup) -> None:
         """Prepare for the robots, props and objects of a scene; nothing is computed yet."""
@@ -41,7 +41,7 @@ class Ways:
 
     @property
     def clearance(self) -> float:
-        """Usual minimum clearance of a way in m: the required clearance of the scene."""
+        """Usual minimum clearance of a path in m: the required clearance of the scene."""
         return self._scene.clearance
 
     @cached_property
@@ -99,7 +99,7 @@ class Ways:
         clearance: float,
         seed: int = 0,
     ) -> list[Array]:
-        """Return poses (4, 4) of the tool in the World along a way with the clearance; the last pose is at the goal.
+        """Return poses (4, 4) of the tool in the World along a path with the clearance; the last pose is at the goal.
 
         Args:
             robot: the arm that moves.
@@ -111,7 +111,7 @@ class Ways:
             seed: random seed of the search.
 
         Raises:
-            ProtocolError: start or goal is not free, or no way was found.
+            ProtocolError: start or goal is not free, or no path was found.
         """
         obstacles = self.obstacles(robot, q, objects)
         space = JointSpace(lambda: self._models[robot], clearance, around=lambda: obstacles)
@@ -119,23 +119,24 @@ class Ways:
         T_world_base = self._places[robot].T_world_base
         kin = self._members[robot].kin
         poses = []
-        for q_way in path(np.linspace(0.0, 1.0, _FINE)):
-            poses.append(T_world_base @ kin.forward(q_way))
+        for q_on_path in path(np.linspace(0.0, 1.0, _PATH_POINTS)):
+            poses.append(T_world_base @ kin.forward(q_on_path))
         return [poses[k] for k in _stations(np.array(poses))]
 
 
 def _stations(Ts: Array) -> list[int]:
-    """Return the indices of some of the poses (k, 4, 4) along a way, among them the last pose.
+    """Return the indices of some of the poses (k, 4, 4) along a path, among them the last pose.
 
-    Between neighbouring selected poses, the tool moves at most about `_STEP` and turns at most about `_TURN`.
+    Between neighbouring selected poses, the tool moves at most about `_LARGEST_STEP`, and turns at most about
+    `_LARGEST_TURN`.
     """
     distances = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1)
     turns = []
     for before, after in pairwise(Ts):
         turns.append(spatial.log_so3(before[:3, :3].T @ after[:3, :3]))
     angles = np.linalg.norm(turns, axis=1)
-    # length of the way in units of the largest motion between two stations
-    along = np.concatenate([[0.0], np.cumsum(np.maximum(distances / _STEP, angles / _TURN))])
+    # length of the path in units of the largest motion between two stations
+    along = np.concatenate([[0.0], np.cumsum(np.maximum(distances / _LARGEST_STEP, angles / _LARGEST_TURN))])
     count = max(1, int(np.ceil(along[-1])))
     stations = []
     for i in range(1, count):

@@ -36,7 +36,7 @@ _TITLES = {
 }
 """Titles of the steps."""
 
-_ENTRY = 0.25
+_ENTRY_SHARE = 0.25
 """Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED."""
 
 
@@ -162,10 +162,10 @@ class GuidingReferee(InstrumentReferee):
         self._drops = 0
         self._passed = 0.0
         self._on_wire = False
-        self._held = -1  # last sample in which a hand held the ring
+        self._last_held = -1  # last sample in which a hand held the ring
         self._holder = -1
-        self._fell = False  # the ring fell, and no hand has held it since
-        self._fallen = False  # the ring fell, and the first arm has not held it since
+        self._is_fallen = False  # no hand has held the ring since it fell
+        self._must_pick_up = False  # the first arm has not held the ring since it fell
 
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
         name = self._ring.name
@@ -182,8 +182,8 @@ class GuidingReferee(InstrumentReferee):
         self._release(k, T)
         self._retract(k, now)
         if self._holder >= 0:
-            self._held = k
-            self._fell = False
+            self._last_held = k
+            self._is_fallen = False
 
     def _pick_up(self, k: int, T: Array) -> None:
         """Judge whether the first arm has taken the ring away from its start; T (16,): pose of the ring."""
@@ -192,7 +192,7 @@ class GuidingReferee(InstrumentReferee):
             return
         if self._holder == self._first:
             self._do("picked up", k)
-        elif self._held >= 0:
+        elif self._last_held >= 0:
             self._see_fall(k)
 
     def _follow(self, k: int, T: Array) -> None:
@@ -201,18 +201,18 @@ class GuidingReferee(InstrumentReferee):
         if self._holder < 0:
             return
         if self._holder == self._first:
-            self._fallen = False
+            self._must_pick_up = False
             return
-        if self._steps["handed over"] is None and not self._fallen:
+        if self._steps["handed over"] is None and not self._must_pick_up:
             self._do("handed over", k)
         s = self._place(T)
         if s is None:
-            if self._on_wire and self._passed > _ENTRY:
+            if self._on_wire and self._passed > _ENTRY_SHARE:
                 self._tell(k, "bad", f"{self._ring.name} has left the wire")
             self._on_wire = False
             self._passed = 0.0
         # a ring comes onto the wire by its free end; one that is first seen further along does not count
-        elif self._on_wire or s <= _ENTRY * self._wire_length:
+        elif self._on_wire or s <= _ENTRY_SHARE * self._wire_length:
             self._on_wire = True
             self._passed = max(self._passed, s / self._wire_length)
             at_end = self._wire_length - s < self._guide.end_mm * MM
@@ -222,10 +222,10 @@ class GuidingReferee(InstrumentReferee):
 
     def _see_fall(self, k: int) -> None:
         """Count a drop if no hand holds the ring any more."""
-        if self._fell or not self._is_free(k):
+        if self._is_fallen or not self._is_free(k):
             return
-        self._fell = True
-        self._fallen = True
+        self._is_fallen = True
+        self._must_pick_up = True
         self._drops += 1
         text = f"{spoken(self._ring.name)} was dropped"
         if self._steps["handed over"] is None:
@@ -234,7 +234,7 @@ class GuidingReferee(InstrumentReferee):
 
     def _is_free(self, k: int) -> bool:
         """Return whether no hand has held the ring for some time."""
-        return self._holder < 0 and k - self._held > self._few
+        return self._holder < 0 and k - self._last_held > self._few
 
     def _release(self, k: int, T: Array) -> None:
         """Judge whether the guided ring hangs on the wire without a hand."""
@@ -364,7 +364,7 @@ class GuidingReferee(InstrumentReferee):
         if self._steps["picked up"] is None:
             return f"Pick the {ring} up with {first}: {grasp}"
         if self._steps["handed over"] is None:
-            if self._fallen:
+            if self._must_pick_up:
                 return f"The {ring} fell: pick it up again with {first}"
             return f"Grasp the {ring} with {second} too, then open the jaws of {first}"
         if self._steps["guided"] is None:
@@ -379,7 +379,7 @@ class GuidingReferee(InstrumentReferee):
 
     def _state(self) -> str:
         """Return the state of the ring as text: dropped, held, or its last step."""
-        if self._fell:
+        if self._is_fallen:
             return "dropped"
         if self._holder >= 0:
             return f"held by {self.called[self._names[self._holder]]}"

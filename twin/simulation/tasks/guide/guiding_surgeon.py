@@ -23,12 +23,12 @@ from twin.model.movable import Movable
 from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
-from twin.simulation.tasks.guide.arm_paths import Ways
+from twin.simulation.tasks.guide.arm_paths import ArmPaths
 from twin.simulation.tasks.guide.task import KIND, Mistake
 from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, ROBOT_Q, SURGEON_TARGET
 
-_TRIES = 3
-"""Maximum number of grasps of the ring, and of searches for a way, before the surgeon gives up."""
+_LARGEST_TRIES = 3
+"""Maximum number of grasps of the ring, and of searches for a path, before the surgeon gives up."""
 
 HABITS = Habits(hand=HandMotion(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.2), open=30 * DEG)
 
@@ -81,7 +81,7 @@ class GuidingSurgeon(SurgeonHands):
         ring: Movable,
         course: WireCourse,
         first: str,
-        ways: Ways,
+        paths: ArmPaths,
         mistake: str = "",
     ) -> None:
         """Connect the surgeon to a console.
@@ -91,7 +91,7 @@ class GuidingSurgeon(SurgeonHands):
             ring: the ring.
             course: wire and dome.
             first: the hand that picks the ring up.
-            ways: plans the ways into the dome and out of it.
+            paths: plans the paths into the dome and out of it.
             mistake: a mistake to make, "": none.
 
         Raises:
@@ -105,21 +105,21 @@ class GuidingSurgeon(SurgeonHands):
         self.manner = GuidingHabits()
         self._first = first
         (self._second,) = set(seat.arms) - {first}
-        self._ways = ways
+        self._paths = paths
         self._seed = seat.seed
-        self._numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
+        self._gripper_numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
         for k, hand in enumerate(seat.arms):
-            self._numbers[hand] = k
-        self._flips: dict[str, float] = {}
-        self._rests: dict[str, Array] = {}
-        self._stage = 0
+            self._gripper_numbers[hand] = k
+        self._closing_signs: dict[str, float] = {}
+        self._start_q: dict[str, Array] = {}
+        self._step_number = 0
         lengths = np.linalg.norm(np.diff(course.wire, axis=0), axis=1)
-        self._along = np.concatenate([[0.0], np.cumsum(lengths)])
+        self._arc_lengths = np.concatenate([[0.0], np.cumsum(lengths)])
         super().__init__(seat, HABITS)
 
     def _output_signals(self, k: int) -> dict[str, ArrayLike]:
         values = super()._output_signals(k)
-        values[SURGEON_TARGET.name] = float(self._stage)
+        values[SURGEON_TARGET.name] = float(self._step_number)
         return values
 
     # -- what the surgeon sees ------------------------------------------------------------------------
@@ -149,7 +149,7 @@ class GuidingSurgeon(SurgeonHands):
     def _on_wire(self, s: float) -> Array:
         """Return the point (3,) of the wire at arc length s in m; outside, the first or last segment is extended."""
         wire = self.course.wire
-        starts = self._along
+        starts = self._arc_lengths
         k = int(np.clip(np.searchsorted(starts, s, side="right") - 1, 0, len(wire) - 2))
         fraction = (s - starts[k]) / (starts[k + 1] - starts[k])
         return wire[k] + fraction * (wire[k + 1] - wire[k])
@@ -161,10 +161,10 @@ class GuidingSurgeon(SurgeonHands):
 
         The jaws point to the centre and close along the axis. `back`: distance in m by which the jaws are drawn back.
         """
-        return self._gripping(hand, centre, n, self._flips[hand], back)
+        return self._gripping(hand, centre, n, self._closing_signs[hand], back)
 
-    def _gripping(self, hand: str, centre: Array, n: Array, flip: float, back: float = 0.0) -> Array:
-        """Return the pose of `_grasp` for a sign of the closing direction, `flip`."""
+    def _gripping(self, hand: str, centre: Array, n: Array, sign: float, back: float = 0.0) -> Array:
+        """Return the pose of `_grasp` for a sign of the closing direction, `sign`."""
         # `up` and `aside` span the plane of the ring
         up = np.array([0.0, 0.0, 1.0]) - n[2] * n
         up /= np.linalg.norm(up)
@@ -172,13 +172,13 @@ class GuidingSurgeon(SurgeonHands):
         first_side, second_side = self.manner.sides
         side = first_side if hand == self._first else second_side
         approach = np.cos(side) * up + np.sin(side) * aside
-        y = flip * n
+        y = sign * n
         R = np.column_stack([np.cross(y, -approach), y, -approach])
         radius = self.ring.size[0]
         tip = centre + (radius - self.manner.beyond + back) * approach
         return spatial.pose(R, tip) @ spatial.inverse(self.arms[hand].T_tool_tip)
 
-    def _flip(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:
+    def _closing_sign(self, hand: str, places: Sequence[tuple[Array, Array]]) -> float:
         """Return the sign of the closing direction, 1 or -1, that is farther from joint limits in all of the grasps.
 
         A grasp is given by centre (3,) and axis (3,) of the ring.
@@ -189,17 +189,17 @@ class GuidingSurgeon(SurgeonHands):
             return -1.0
         return 1.0
 
-    def _room(self, hand: str, places: Sequence[tuple[Array, Array]], flip: float) -> float:
-        """Return the smallest distance from joint limits in all of the grasps, see `Ways.room`; -inf: out of reach."""
+    def _room(self, hand: str, places: Sequence[tuple[Array, Array]], sign: float) -> float:
+        """Return the smallest distance from limits in all of the grasps, see `ArmPaths.room`; -inf: out of reach."""
         robot = self.arms[hand].robot
         q = self._signals[ROBOT_Q.of(robot)]
         room = np.inf
         for centre, n in places:
             try:
-                goal = self._ways.joints(robot, self._gripping(hand, centre, n, flip), q)
+                goal = self._paths.joints(robot, self._gripping(hand, centre, n, sign), q)
             except KinematicsError:
                 return -np.inf
-            room = min(room, self._ways.room(robot, goal))
+            room = min(room, self._paths.room(robot, goal))
         return room
 
     def _carrying(self, hand: str, centre: Array, n: Array) -> Array:
@@ -218,10 +218,10 @@ class GuidingSurgeon(SurgeonHands):
     def _work(self) -> Iterator[None]:
         yield from self._rest(0.3)
         yield from self._show()
-        for hand, eye in self.arms.items():
-            self._rests[hand] = self._signals[ROBOT_Q.of(eye.robot)].copy()
-        for stage, step in enumerate((self._enter, self._pick_up, self._hand_over, self._guide, self._retract)):
-            self._stage = stage
+        for hand, arm in self.arms.items():
+            self._start_q[hand] = self._signals[ROBOT_Q.of(arm.robot)].copy()
+        for number, step in enumerate((self._enter, self._pick_up, self._hand_over, self._guide, self._retract)):
+            self._step_number = number
             yield from step()
             if self.missed:
                 break
@@ -238,10 +238,10 @@ class GuidingSurgeon(SurgeonHands):
         centre = self._pose()[:3, 3].copy()
         axis = self._axis(n).copy()
         grasps = [(meeting, n)]
-        for s in np.arange(-self.manner.ahead, self._along[-1], self.manner.step):
+        for s in np.arange(-self.manner.ahead, self._arc_lengths[-1], self.manner.step):
             grasps.append(self._wire(s))
-        self._flips[self._first] = self._flip(self._first, [(centre, axis), (meeting, n)])
-        self._flips[self._second] = self._flip(self._second, grasps)
+        self._closing_signs[self._first] = self._closing_sign(self._first, [(centre, axis), (meeting, n)])
+        self._closing_signs[self._second] = self._closing_sign(self._second, grasps)
         yield from self._turn_grip(dict.fromkeys(self.arms, self.habits.open))
         yield from self._follow(self._first, self._grasp(self._first, centre, axis, self.manner.before))
         yield from self._follow(self._second, self._grasp(self._second, meeting, n, 2 * self.manner.before))
@@ -251,7 +251,7 @@ class GuidingSurgeon(SurgeonHands):
         hand = self._first
         _, n = self._meeting()
         yield from self._seize(hand, n)
-        if self._holder() != self._numbers[hand]:
+        if self._holder() != self._gripper_numbers[hand]:
             self.missed.append("picked up")
             return
         goal = self._pose()[:3, 3] + [0.0, 0.0, self.manner.lift]
@@ -259,9 +259,12 @@ class GuidingSurgeon(SurgeonHands):
         yield from self._reach({hand: self._carrying(hand, goal, axis)}, self.manner.near)
 
     def _seize(self, hand: str, towards: Array) -> Iterator[None]:
-        """Try to grasp the ring, at most `_TRIES` times; `towards` (3,) selects the sign of its axis, see `_axis`."""
+        """Try to grasp the ring, at most `_LARGEST_TRIES` times.
+
+        `towards` (3,) selects the sign of the ring's axis, see `_axis`.
+        """
         manner = self.manner
-        for _ in range(_TRIES):
+        for _ in range(_LARGEST_TRIES):
             free_end, _ = self._wire(0.0)
             depth = free_end[2] - self._pose()[2, 3]
             if depth > manner.fallen:
@@ -273,7 +276,7 @@ class GuidingSurgeon(SurgeonHands):
                 yield from self._reach({hand: grasp}, tolerance)
             yield from self._turn_grip({hand: 0.0})
             yield from self._rest(0.2)
-            if self._holder() == self._numbers[hand]:
+            if self._holder() == self._gripper_numbers[hand]:
                 return
             yield from self._let_go(hand)
 
@@ -298,7 +301,7 @@ class GuidingSurgeon(SurgeonHands):
         if self.mistake == "dropped":
             yield from self._let_go(first)
         yield from self._seize(second, n)
-        if self._holder() != self._numbers[second]:
+        if self._holder() != self._gripper_numbers[second]:
             self.missed.append("handed over")
             return
         yield from self._let_go(first)
@@ -316,9 +319,9 @@ class GuidingSurgeon(SurgeonHands):
         """Put the ring over the free end of the wire, guide it to the other end, and release it there."""
         hand = self._guiding_hand
         manner = self.manner
-        end = self._along[-1] - manner.last
+        end = self._arc_lengths[-1] - manner.last
         if self.mistake == "stopped_short":
-            end = self._along[-1] * 0.5 - manner.last
+            end = self._arc_lengths[-1] * 0.5 - manner.last
         for s in (-manner.ahead, *np.arange(0.0, end, manner.step), end):
             centre, n = self._wire(s)
             if self.mistake == "wire_touched" and 0 <= s < end / 2:
@@ -328,7 +331,7 @@ class GuidingSurgeon(SurgeonHands):
                 centre = centre - [0.0, 0.0, radius - 1.75 * wire]
             goal = self._carrying(hand, centre, n)
             yield from self._reach({hand: goal}, manner.near if s < 0 else manner.fine)
-            if self._holder() != self._numbers[hand]:
+            if self._holder() != self._gripper_numbers[hand]:
                 self.missed.append("guided")
                 return
         yield from self._let_go(hand)
@@ -345,29 +348,29 @@ class GuidingSurgeon(SurgeonHands):
 
     def _out(self, hand: str) -> Iterator[None]:
         """Move an arm back to its start."""
-        eye = self.arms[hand]
-        T = eye.T_world_base @ eye.kin.forward(self._rests[hand])
-        yield from self._follow(hand, T, self._rests[hand])
+        arm = self.arms[hand]
+        T = arm.T_world_base @ arm.kin.forward(self._start_q[hand])
+        yield from self._follow(hand, T, self._start_q[hand])
 
     def _follow(self, hand: str, T: Array, q: Array | None = None) -> Iterator[None]:
         """Plan a path of an arm to a tool pose T (4, 4), optionally with joint values q (n,) there, and follow it."""
-        eye = self.arms[hand]
-        robot = eye.robot
+        arm = self.arms[hand]
+        robot = arm.robot
         # copies, because the signals go on while the arm moves
         q_now = {self.camera: self._signals[ROBOT_Q.of(self.camera)].copy()}
-        for arm in self.arms.values():
-            q_now[arm.robot] = self._signals[ROBOT_Q.of(arm.robot)].copy()
+        for any_arm in self.arms.values():
+            q_now[any_arm.robot] = self._signals[ROBOT_Q.of(any_arm.robot)].copy()
         objects = {self.ring.name: self._pose().copy()}
         problem: Exception | None = None
-        for trial in range(_TRIES):
+        for trial in range(_LARGEST_TRIES):
             # an arm that let the ring go may be near the wall
-            clearance = self._ways.clearance / 2**trial
+            clearance = self._paths.clearance / 2**trial
             try:
                 if q is None:
-                    goal = self._ways.joints(robot, T, q_now[robot])
+                    goal = self._paths.joints(robot, T, q_now[robot])
                 else:
-                    goal = np.where(eye.kin.auxiliary, q_now[robot], q)
-                path = self._ways.plan(robot, goal, q_now, objects, clearance, _TRIES * self._seed + trial)
+                    goal = np.where(arm.kin.auxiliary, q_now[robot], q)
+                path = self._paths.plan(robot, goal, q_now, objects, clearance, _LARGEST_TRIES * self._seed + trial)
             except (ProtocolError, KinematicsError) as error:
                 problem = error
                 continue

@@ -17,7 +17,7 @@ from twin.simulation.operating_scene import plain
 from twin.simulation.plants.contact.grip_frame import grip_frame
 from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.guide.arm_paths import Ways
+from twin.simulation.tasks.guide.arm_paths import ArmPaths
 from twin.simulation.tasks.guide.guiding_referee import GuideMeasures, GuidingReferee
 from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
 from twin.simulation.tasks.guide.task import GuideTable
@@ -64,10 +64,10 @@ class _GuidePlay(Play):
         course = contact_scene.course(setup.scene, setup.props, task)
         # this surgeon guides the place between the jaws, not the tip
         grips = {}
-        for hand, eye in seat.arms.items():
-            T_tool_grip = grip_frame(setup.members[eye.robot].mechanism)
-            grips[hand] = replace(eye, T_tool_tip=T_tool_grip)
-        return GuidingSurgeon(replace(seat, arms=grips), ring, course, guide.first, Ways(setup), mistake)
+        for hand, arm in seat.arms.items():
+            T_tool_grip = grip_frame(setup.members[arm.robot].mechanism)
+            grips[hand] = replace(arm, T_tool_tip=T_tool_grip)
+        return GuidingSurgeon(replace(seat, arms=grips), ring, course, guide.first, ArmPaths(setup), mistake)
 
     def referee(self, setup: Setup, task: ConsoleTask, period: float) -> GuidingReferee:
         return GuidingReferee.of(setup, period)

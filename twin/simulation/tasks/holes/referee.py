@@ -16,7 +16,8 @@ from twin.simulation.tasks.holes.geometry import Hole, HoleGoals
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_PEDAL, ROBOT_Q
 
-_NEVER = -1
+_NONE = -1
+"""Number of a hole, or of a sample, where there is none."""
 
 
 class HoleJudge:
@@ -51,10 +52,10 @@ class HoleJudge:
         self._bottoms = np.array([hole.bottom for hole in self.holes])
         self._axes = np.array([hole.axis for hole in self.holes])
         self._samples = 0
-        self._first = _NEVER  # sample of the first press
-        self._pressed = False
-        self._last = np.zeros(3)
-        self._inside = _NEVER  # the hole that the tip touches
+        self._first_press = _NONE  # sample of the first press
+        self._was_pressed = False
+        self._last_tip = np.zeros(3)
+        self._touched_hole = _NONE  # the hole that the tip touches
 
     @property
     def complete(self) -> bool:
@@ -64,50 +65,50 @@ class HoleJudge:
     @property
     def time(self) -> float:
         """Time in s from the first press of the pedal to the last hole, or until now; 0 before the first press."""
-        if self._first == _NEVER:
+        if self._first_press == _NONE:
             return 0.0
         end = (self._samples - 1) * self.period
         if self.complete:
             end = self.touched[-1]
-        return end - self._first * self.period
+        return end - self._first_press * self.period
 
     def see(self, tip: Array, pressed: bool) -> None:
         """Judge the next sample: position (3,) of the tip in m in the World, and whether the pedal is pressed."""
         if self.complete:
             return
         t = self._samples * self.period
-        if pressed and not self._pressed:
+        if pressed and not self._was_pressed:
             self.presses += 1
-            if self._first == _NEVER:
-                self._first = self._samples
-        self._pressed = pressed
-        if self._first != _NEVER and self._samples > self._first:
-            self.path += float(np.linalg.norm(tip - self._last))
-        self._last = np.array(tip)  # a copy: the caller may use its array again
+            if self._first_press == _NONE:
+                self._first_press = self._samples
+        self._was_pressed = pressed
+        if self._first_press != _NONE and self._samples > self._first_press:
+            self.path += float(np.linalg.norm(tip - self._last_tip))
+        self._last_tip = np.array(tip)  # a copy: the caller may use its array again
         self._samples += 1
-        following = len(self.touched)
-        inside = self._hole_at(tip)
-        self.contact = inside != _NEVER
-        self.nearest = min(self.nearest, float(np.linalg.norm(tip - self._bottoms[following])))
-        if inside == following:
+        next_hole = len(self.touched)
+        hole = self._hole_at(tip)
+        self.contact = hole != _NONE
+        self.nearest = min(self.nearest, float(np.linalg.norm(tip - self._bottoms[next_hole])))
+        if hole == next_hole:
             self.touched.append(t)
             self.nearest = np.inf  # from here on, the distance to the hole after this one
-            self._tell(t, "good", f"hole {inside + 1} touched")
+            self._tell(t, "good", f"hole {hole + 1} touched")
         # holes that were touched before do no harm, and a tip that stays in a later hole counts once
-        elif inside not in (_NEVER, self._inside) and inside > following:
+        elif hole not in (_NONE, self._touched_hole) and hole > next_hole:
             self.wrong += 1
-            self._tell(t, "bad", f"hole {inside + 1} is not the next hole")
-        self._inside = inside
+            self._tell(t, "bad", f"hole {hole + 1} is not the next hole")
+        self._touched_hole = hole
 
     def _hole_at(self, tip: Array) -> int:
-        """Return the number of the hole whose bottom the tip touches; `_NEVER` if it touches none."""
+        """Return the number of the hole whose bottom the tip touches; `_NONE` if it touches none."""
         offsets = tip - self._bottoms
         along = np.einsum("ij,ij->i", offsets, self._axes)
         beside = np.linalg.norm(offsets - along[:, None] * self._axes, axis=1)
         touches = np.flatnonzero((beside <= self.limit) & (np.abs(along) <= self.limit))
         if len(touches):
             return int(touches[0])
-        return _NEVER
+        return _NONE
 
     def _tell(self, t: float, tone: Tone, text: str) -> None:
         self.events.append(Event(t, tone, text))
@@ -164,9 +165,9 @@ class HoleReferee(Block):
         """Return the scoreboard as plain data; `contact` (whether the tip touches a hole) is for sound."""
         judge = self.judge
         touched_count = len(judge.touched)
-        following = None
+        instruction = None
         if not judge.complete:
-            following = f"Next: hole {touched_count + 1}"
+            instruction = f"Next: hole {touched_count + 1}"
         rows = [
             ["Holes", f"{touched_count} of {len(judge.holes)}"],
             ["Time", f"{judge.time:.1f} s"],
@@ -177,6 +178,6 @@ class HoleReferee(Block):
         events = [[round(event.t, 1), event.tone, event.text] for event in judge.events[-4:]]
         content: JsonObject = {"rows": rows, "events": events, "contact": judge.contact, "done": touched_count}
         content["rings"] = []
-        if following is not None:
-            content["next"] = following
+        if instruction is not None:
+            content["next"] = instruction
         return content

@@ -15,7 +15,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.tool_following import SCALE
+from twin.simulation.controllers.tool_following import SCALE_RANGE
 from twin.simulation.devices.received_hands import HandState
 from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.plan_mode import RESTING_PHASES
@@ -140,7 +140,7 @@ class ServoHands:
         R_picture_world = self._console.view[:3, :3].T
         displacement = R_picture_world @ (T_new[:3, 3] - T_old[:3, 3])
         rotation = R_picture_world @ T_new[:3, :3] @ T_old[:3, :3].T @ R_picture_world.T
-        scale = float(np.clip(self._console.reading["scale"], *SCALE))
+        scale = float(np.clip(self._console.reading["scale"], *SCALE_RANGE))
         handle = self.handles[hand]
         handle.is_used = True
         handle.position = handle.position + displacement / scale

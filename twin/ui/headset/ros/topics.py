@@ -17,7 +17,7 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.exchange.formats.mcap import ros_messages as ros
 from twin.simulation.console_scene import HANDS
-from twin.simulation.controllers.tool_following import SCALE
+from twin.simulation.controllers.tool_following import SCALE_RANGE
 from twin.simulation.devices.packets import grip_angle, handle_pose
 from twin.simulation.world import Signals
 from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROBOT_FOLLOWS, ROBOT_GOAL
@@ -98,7 +98,7 @@ class ConsoleTopics(TopicTable):
 
         def scale(client: str, message: JsonObject) -> str:
             value = checked_message(Float64, message).data
-            low, high = SCALE
+            low, high = SCALE_RANGE
             if not low <= value <= high:
                 raise DeviceError(f"the scale {value:g} is outside {low:g} to {high:g}")
             owner = ROS_OWNER
