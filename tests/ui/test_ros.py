@@ -267,7 +267,7 @@ def test_pedals_and_goals_of_a_client_end_with_it(scene):
 def test_hands_are_refused_after_an_error_of_the_world(scene):
     async def stopped():
         async with running(scene) as console, connected(console.bridge.port) as client:
-            console.op._stopped = "psm1.q is not finite"
+            console.op._world_error = "psm1.q is not finite"
             await RosPens(client).send()
             await client.handled()
             return client.statuses

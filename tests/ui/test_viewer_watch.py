@@ -112,8 +112,8 @@ def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(wa
     front, folder, _ = watched
     watch = RobotFileWatch(front.active.movable.robot, str(folder))
     watch._load(("hexapod.toml",))
-    assert watch._result is not None
-    assert watch._result.movable is not None
+    assert watch._reloaded is not None
+    assert watch._reloaded.movable is not None
 
     def ends(robot):
         raise SystemExit(3)
@@ -123,7 +123,7 @@ def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(wa
     results = []
 
     def found():
-        watch._looked = -file_watch.POLL_PERIOD
+        watch._look_time = -file_watch.POLL_PERIOD
         results.append(watch.poll(0.0))
         return results[-1] is not None
 

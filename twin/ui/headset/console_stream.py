@@ -313,10 +313,10 @@ class ConsoleStream(LiveConsole):
         self.send({"type": "deviations", "time": round(self.world.t, 3), "robots": robots})
 
     @property
-    def _chunk(self) -> int:
+    def _group_size(self) -> int:
         if self.owner in (UDP_OWNER, ROS_OWNER):
             return 1  # a force acts for one step
-        return super()._chunk
+        return super()._group_size
 
     def _before_steps(self, parts: int) -> None:
         super()._before_steps(parts)
@@ -429,8 +429,8 @@ class ConsoleStream(LiveConsole):
             document["machines"] = machines
         return document
 
-    def _read(self) -> JsonObject:
-        reading = super()._read() | {"packets": None, "mqtt": None, "ros": None}
+    def _read_state(self) -> JsonObject:
+        reading = super()._read_state() | {"packets": None, "mqtt": None, "ros": None}
         if self.packets is not None:
             reading["packets"] = self.packets.state(self.world.t, self.world.signals)
         if self.tablet is not None:

@@ -92,22 +92,22 @@ class StepDrawing:
         self.note = ""
         self.tolerance = _DEFAULT_TOLERANCE
         self._description: Description | None = None
-        self.parts = _by_node(step)
+        self.parts = _parts_by_node(step)
         beside = _description_beside(path)
         if beside is not None:
             self._use_description(beside, step)
-        self._named: dict[str, dict[str, Face]] = {}
-        self._faces: list[tuple[str, Part]] = []
+        self._names_of_body: dict[str, dict[str, Face]] = {}
+        self._placed_parts: list[tuple[str, Part]] = []
         corners = []
         owner = []
         for body, parts in self.parts.items():
             for part in parts:
                 corners.append(part.vertices[part.triangles])
-                owner.append(np.full(len(part.triangles), len(self._faces)))
-                self._faces.append((body, part))
+                owner.append(np.full(len(part.triangles), len(self._placed_parts)))
+                self._placed_parts.append((body, part))
         self._corners = np.concatenate(corners)
-        self._owner = np.concatenate(owner)
-        self._first = np.searchsorted(self._owner, np.arange(len(self._faces)))
+        self._part_of_triangle = np.concatenate(owner)
+        self._first_triangle_of_part = np.searchsorted(self._part_of_triangle, np.arange(len(self._placed_parts)))
 
     def _use_description(self, beside: Path, step: StepModel) -> None:
         """Name the bodies as a description does; if it cannot be used, note why."""
@@ -140,7 +140,7 @@ class StepDrawing:
 
     def placed_parts(self) -> Iterator[tuple[str, Part]]:
         """Yield (name of the body, part) for each part."""
-        yield from self._faces
+        yield from self._placed_parts
 
     def meet(self, origin: Array, direction: Array, visible_parts: Collection[int] | None = None) -> DrawnFace | None:
         """Return the face that a ray meets first; None if it meets none.
@@ -150,16 +150,16 @@ class StepDrawing:
             direction: (3,) direction of the ray.
             visible_parts: numbers, in the order of `placed_parts`, of the parts that the ray can meet; None: all.
         """
-        chosen = np.arange(len(self._owner))
+        chosen = np.arange(len(self._part_of_triangle))
         if visible_parts is not None:
-            chosen = np.flatnonzero(np.isin(self._owner, list(visible_parts)))
+            chosen = np.flatnonzero(np.isin(self._part_of_triangle, list(visible_parts)))
         first = _first_triangle(self._corners[chosen], origin, direction)
         if first is None:
             return None
         triangle = int(chosen[first])
-        at = int(self._owner[triangle])
-        body, part = self._faces[at]
-        index = int(part.face_of_triangle[triangle - self._first[at]])
+        at = int(self._part_of_triangle[triangle])
+        body, part = self._placed_parts[at]
+        index = int(part.face_of_triangle[triangle - self._first_triangle_of_part[at]])
         face_triangles = part.triangles[part.face_of_triangle == index]
         return DrawnFace(body, part, index, face_triangles)
 
@@ -170,15 +170,15 @@ class StepDrawing:
         """
         if self._description is None:
             return {}
-        if body not in self._named:
+        if body not in self._names_of_body:
             faces: dict[str, Face] = {}
             for name, spec in self._description.feature.get(body, {}).items():
                 try:
                     faces[name] = find(body, name, spec, self.parts[body], self.tolerance).face
                 except CadError:  # `twin build` reports it
                     continue
-            self._named[body] = faces
-        return self._named[body]
+            self._names_of_body[body] = faces
+        return self._names_of_body[body]
 
     def taken_names(self, body: str) -> set[str]:
         """Return the names of the features that the description has for a body, also of those not found."""
@@ -187,7 +187,7 @@ class StepDrawing:
         return set(self._description.feature.get(body, {}))
 
 
-def _by_node(step: StepModel) -> dict[str, list[Part]]:
+def _parts_by_node(step: StepModel) -> dict[str, list[Part]]:
     """Return the parts of each body of `twin new`: the nodes of the assembly, with names of a description."""
     by_node = bodies(step.parts)
     names = Names("body", by_node, Findings())

@@ -41,9 +41,9 @@ class DrivenMachine:
         """
         self._address = address
         self._parts = parts
-        self._again: Reconnection | None = None
-        self._left = False  # whether the machine was stopped or disconnected since the last `advance`
-        self._stale = False  # whether the robot is held since before that
+        self._reconnection: Reconnection | None = None
+        self._was_stopped = False  # whether the machine was stopped or disconnected since the last `advance`
+        self._is_held_since_stop = False  # whether the robot is held since before that
         self._link = MachineLink(address, len(parts.home))
         try:
             self.master = MachineMaster(self._link, parts)
@@ -51,19 +51,19 @@ class DrivenMachine:
             self._link.close()
             raise
         self._link.reader.heard = self._hear
-        self._late = 0.0  # time in s for which no packet has been sent yet
+        self._unsent_time = 0.0  # time in s for which no packet has been sent yet
         self._goal: Array | None = None
 
     def close(self) -> None:
         """End the connection; the machine's pedal goes up after its time-out."""
-        if self._again is not None:
-            self._again.close()
+        if self._reconnection is not None:
+            self._reconnection.close()
         self._link.close()
 
     def grabbed(self) -> None:
         """Follow the robot that a client has grabbed now, until the machine is stopped or disconnected."""
-        self._left = False
-        self._stale = False
+        self._was_stopped = False
+        self._is_held_since_stop = False
 
     def advance(self, passed: float, goal: Array | None, is_held: bool) -> None:
         """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up.
@@ -73,43 +73,43 @@ class DrivenMachine:
         After a pause of the page, packets are left out: if they were sent late and faster, so would the tool move.
         """
         if self._link.reader.problem:
-            self._left = True
+            self._was_stopped = True
             self._reconnect()
-        if self._left:
-            self._left = False
-            self._stale = True
+        if self._was_stopped:
+            self._was_stopped = False
+            self._is_held_since_stop = True
         if not is_held:
-            self._stale = False
-        if self._stale:
+            self._is_held_since_stop = False
+        if self._is_held_since_stop:
             goal = None
         self._goal = goal
         if goal is None:
             self.master.rest()
         else:
             self.master.lead(goal)
-        self._late += passed
-        ticks = int(self._late / TICK)
-        self._late -= ticks * TICK
+        self._unsent_time += passed
+        ticks = int(self._unsent_time / TICK)
+        self._unsent_time -= ticks * TICK
         self.master.step(min(ticks, self._link.room))
 
     def _reconnect(self) -> None:
         """Replace a connection that has ended by a new one, as soon as the machine answers."""
-        if self._again is None:
-            self._again = Reconnection(self._address, len(self._parts.home))
-        link = self._again.take()
+        if self._reconnection is None:
+            self._reconnection = Reconnection(self._address, len(self._parts.home))
+        link = self._reconnection.take()
         if link is None:
             return
-        self._again = None
+        self._reconnection = None
         self._link.close()
         self._link = link
         link.reader.heard = self._hear
         self.master = MachineMaster(link, self._parts)
-        self._late = 0.0
+        self._unsent_time = 0.0
 
     def _hear(self, state: State) -> None:
         """Take each state, in the thread that reads them: a stop and a new start may be shorter than a picture."""
         if state.level in (Level.E_STOP, Level.INIT):
-            self._left = True
+            self._was_stopped = True
 
     def elsewhere(self, q: Array) -> Array | None:
         """Return the joint values (n,) of the machine if they are not q (n,); None: they are, or it does not answer."""
@@ -133,7 +133,7 @@ class DrivenMachine:
         state = self._link.state
         if state is not None and state.level == Level.E_STOP:
             return "the machine is in E_STOP: press its start button (twin machine --start)"
-        if self._stale:
+        if self._is_held_since_stop:
             return "the machine was stopped or connected again: let the robot go, and hold it again"
         if self.master.held:
             return "the machine holds this pose as out of its reach"
@@ -166,10 +166,10 @@ class Reconnection:
     def __init__(self, address: Address, n: int) -> None:
         """Begin the attempts to connect to a machine of n joints."""
         self._address = address
-        self._n = n
+        self._joint_count = n
         self._link: MachineLink | None = None
         self._lock = threading.Lock()  # of `_link`, and of the decision that nobody takes it any more
-        self._ends = threading.Event()
+        self._end_requested = threading.Event()
         threading.Thread(target=self._run, daemon=True).start()
 
     def take(self) -> MachineLink | None:
@@ -182,19 +182,19 @@ class Reconnection:
     def close(self) -> None:
         """End the attempts, and close a connection that nobody has taken."""
         with self._lock:
-            self._ends.set()
+            self._end_requested.set()
         link = self.take()
         if link is not None:
             link.close()
 
     def _run(self) -> None:
-        while not self._ends.wait(_CONNECTION_PAUSE):
+        while not self._end_requested.wait(_CONNECTION_PAUSE):
             try:
-                link = MachineLink(self._address, self._n)
+                link = MachineLink(self._address, self._joint_count)
             except DeviceError:
                 continue
             with self._lock:
-                is_wanted = not self._ends.is_set()
+                is_wanted = not self._end_requested.is_set()
                 if is_wanted:
                     self._link = link
             if not is_wanted:

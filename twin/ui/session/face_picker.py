@@ -58,7 +58,7 @@ class PickedFace:
         face = self.drawn.geometry
         if face is None or face.kind not in ("cylinder", "cone", "torus"):
             return None
-        return face.point, _pointed(self.drawn, face)
+        return face.point, _toml_direction(self.drawn, face)
 
     def facts(self) -> list[tuple[str, str]]:
         """Return (what, value) of the face's geometry, as text with units."""
@@ -69,7 +69,7 @@ class PickedFace:
         if face is None:
             return rows
         place = f"({_numbers(in_mm(face.point))}) mm"
-        towards = _pointed(self.drawn, face)
+        towards = _toml_direction(self.drawn, face)
         direction = f"({_numbers(towards.tolist())})"
         if face.kind == "plane":
             rows += [("outward normal", direction), ("middle of the face", place)]
@@ -110,11 +110,11 @@ class FacePicker:
             if old.drawn.part is face_met.part and old.drawn.index == face_met.index:
                 self.current = old
                 return old
-        self.current = self._named(face_met)
+        self.current = self._picked_face(face_met)
         self.picked.append(self.current)
         return self.current
 
-    def _named(self, face_met: DrawnFace) -> PickedFace:
+    def _picked_face(self, face_met: DrawnFace) -> PickedFace:
         face = face_met.geometry
         if face is None:
             reason = "a free-form face has neither axis nor centre; pick a plane, a cylinder or a sphere"
@@ -125,13 +125,13 @@ class FacePicker:
                 named.append(name)
         body = face_met.body
         parts = self.drawing.parts[body]
-        direction = _pointed(face_met, face)
+        direction = _toml_direction(face_met, face)
         try:
             feature = naming_feature(body, face, direction, face_met.part.name, parts, self.drawing.tolerance)
         # the geometry of the face is not unique on the body: the reason is shown, and the face has no TOML
         except CadError as error:
             return PickedFace(face_met, self._free_name(body, face.kind), None, str(error), tuple(named))
-        name = self._free_name(body, _suggested(face_met, face))
+        name = self._free_name(body, _suggested_name(face_met, face))
         return PickedFace(face_met, name, feature, "", tuple(named))
 
     def _free_name(self, body: str, word: str) -> str:
@@ -194,7 +194,7 @@ class FacePicker:
         return "".join(f"{line}\n" for line in lines)
 
 
-def _pointed(face_met: DrawnFace, face: Face) -> Array:
+def _toml_direction(face_met: DrawnFace, face: Face) -> Array:
     """Return the direction (3,) of a face with a definite sign.
 
     The normal of a plane points out of the solid. An axis points along the positive coordinate axis that it is nearest
@@ -212,7 +212,7 @@ def _pointed(face_met: DrawnFace, face: Face) -> Array:
     return direction
 
 
-def _suggested(face_met: DrawnFace, face: Face) -> str:
+def _suggested_name(face_met: DrawnFace, face: Face) -> str:
     """Return a word for the name of a face."""
     if face.kind == "cylinder":
         return _round_name(face_met, "bore", "pin")

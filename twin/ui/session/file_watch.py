@@ -57,11 +57,11 @@ class RobotFileWatch:
         self._files = robot.files
         self._source = source
         self._tool = tool
-        self._used = self._stamps()
-        self._seen = self._used
-        self._looked = -POLL_PERIOD
+        self._loaded_stamps = self._stamps()
+        self._last_stamps = self._loaded_stamps
+        self._look_time = -POLL_PERIOD
         self._thread: threading.Thread | None = None
-        self._result: Reloaded | None = None
+        self._reloaded: Reloaded | None = None
 
     def poll(self, now: float) -> Reloaded | None:
         """Look at the files, at most every `POLL_PERIOD` s; return a new result once. `now`: time in s of any clock."""
@@ -69,20 +69,20 @@ class RobotFileWatch:
             if self._thread.is_alive():
                 return None
             self._thread = None
-            result = self._result
-            self._result = None
+            result = self._reloaded
+            self._reloaded = None
             return result
-        if now - self._looked < POLL_PERIOD:
+        if now - self._look_time < POLL_PERIOD:
             return None
-        self._looked = now
+        self._look_time = now
         stamps = self._stamps()
-        complete = stamps == self._seen
-        self._seen = stamps
-        if not complete or stamps == self._used:
+        complete = stamps == self._last_stamps
+        self._last_stamps = stamps
+        if not complete or stamps == self._loaded_stamps:
             return None
-        names = tuple(sorted({path.name for path in _different(self._used, stamps)}))
-        self._used = stamps
-        self._result = None
+        names = tuple(sorted({path.name for path in _different(self._loaded_stamps, stamps)}))
+        self._loaded_stamps = stamps
+        self._reloaded = None
         self._thread = threading.Thread(target=self._load, args=(names,), daemon=True, name="load the changed robot")
         self._thread.start()
         return None
@@ -105,7 +105,7 @@ class RobotFileWatch:
         # SystemExit or KeyboardInterrupt of that code: Ctrl-C itself raises nothing in this thread
         except BaseException as reason:
             error = str(ending(reason))
-        self._result = Reloaded(movable, error, names, time.perf_counter() - begin)
+        self._reloaded = Reloaded(movable, error, names, time.perf_counter() - begin)
 
     def _stamps(self) -> Stamps:
         stamps: Stamps = {}

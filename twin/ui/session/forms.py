@@ -53,16 +53,16 @@ class QuestionnaireForms:
                 raise TwinError(unknown("questionnaire", name, questionnaires))
         self._trials = trials
         self._one_row = one_row
-        self._first = trials.trial + 1
-        self._after = [questionnaires[name] for name in after]
-        self._used = {name: questionnaires[name] for name in (*before, *after)}
+        self._first_trial = trials.trial + 1
+        self._forms_after = [questionnaires[name] for name in after]
+        self._forms_by_key = {name: questionnaires[name] for name in (*before, *after)}
         self.due: list[tuple[When, QuestionnaireKey]] = []
         for name in before:
             self.due.append(("before", questionnaires[name]))
 
     def finish(self) -> None:
         """Ask for the questionnaires after an attempt."""
-        for key in self._after:
+        for key in self._forms_after:
             self.due.append(("after", key))
 
     def restart(self) -> None:
@@ -95,10 +95,10 @@ class QuestionnaireForms:
         if weights is not None:
             for column, value in zip(key.weight_columns, weights, strict=True):
                 cells[prefix + column] = value
-        self._store(when, cells)
+        self._store_answers(when, cells)
         self.due.pop(0)
 
-    def _store(self, when: When, cells: Mapping[str, float | None]) -> None:
+    def _store_answers(self, when: When, cells: Mapping[str, float | None]) -> None:
         trials = self._trials
         if self._one_row:
             if trials.trial == 0:
@@ -107,15 +107,15 @@ class QuestionnaireForms:
                 trials.answer(cells)
         elif when == "after":
             trials.answer(cells)
-        elif trials.trial < self._first:
+        elif trials.trial < self._first_trial:
             trials.add_to_next(cells)
         else:  # the first attempt was ended before this form was answered
-            trials.answer(cells, self._first)
+            trials.answer(cells, self._first_trial)
 
     def about(self) -> list[JsonObject]:
         """Return the questionnaires for the page: title, items, ends and steps of the scale, comparisons of pairs."""
         forms = []
-        for key in self._used.values():
+        for key in self._forms_by_key.values():
             form: JsonObject = {
                 "name": key.name,
                 "title": key.title,

@@ -118,10 +118,10 @@ class LiveConsole:
         self.scene = scene
         self.table = console_scene.console_of(scene)
         self.task = task
-        self._report = AttemptReport(exercise.report)
+        self._attempt_report = AttemptReport(exercise.report)
         self._trials = exercise.trials
         self._forms = exercise.forms
-        self._ended = exercise.ended
+        self._tell_end = exercise.ended
         self.guided = exercise.guided
         self.choice = exercise.choice
         self._trial_problem = ""
@@ -147,12 +147,12 @@ class LiveConsole:
         is_procedure = self._setup.procedure is not None
         self.objects: Sequence[Movable] = clips_of(scene.tools) if is_procedure else self._setup.objects
         is_judged = task is not None and task.kind.judged
-        self._scratch = None
+        self._temporary_folder = None
         self._session = exercise.session
         # A report is made from a session file: without a file of the user, a temporary one is recorded.
-        if self._session is None and is_judged and self._report.wanted:
-            self._scratch = Scratch()
-            self._session = Path(self._scratch.name) / "hands.session"
+        if self._session is None and is_judged and self._attempt_report.wanted:
+            self._temporary_folder = Scratch()
+            self._session = Path(self._temporary_folder.name) / "hands.session"
         self.owner: str | None = None
         places = list(scene.places)
         if self.machines is not None:  # beside each machine, its model is shown
@@ -161,13 +161,13 @@ class LiveConsole:
         self.shown: dict[str, Member] = {}
         for name in self._places:
             self.shown[name] = self.members[name.removesuffix(MODEL)]
-        self._camera = scene.cameras[self.table.camera].robot
+        self._camera_robot = scene.cameras[self.table.camera].robot
         self.attempt = 0
-        self._begin()
+        self._begin_attempt()
         self.feed: Feed | None = loaded.feed
         if is_procedure:
             self.feed = WorldFeed(lambda: self.world, operating_scene.organ_of(self._setup))
-        self.reading = self._read()
+        self.reading = self._read_state()
 
     def state_row(self) -> Array:
         """Return the joint values of all displayed robots, and the poses of the movable objects, in one row."""
@@ -178,7 +178,7 @@ class LiveConsole:
 
     # -- the task -------------------------------------------------------------------------------------
 
-    def _begin(self) -> None:
+    def _begin_attempt(self) -> None:
         """Make the World of a new attempt; if this fails, the present World remains."""
         path = self._session
         attempt = self.attempt + 1
@@ -210,15 +210,15 @@ class LiveConsole:
             recorder = Recorder(path, head_of(self._setup, world, device), tape)
         # An error above leaves the present attempt as it is, except the exchange with the machines.
         self.world: World = world
-        self._state = ConsoleState(self._setup, world)
-        self._peaks = peaks
+        self._console_state = ConsoleState(self._setup, world)
+        self._force_peaks = peaks
         self.referee = referee
         self.recorder = recorder
         self.attempt = attempt
-        self._owed = 0.0
-        self._rate = 1.0
-        self._stopped = ""
-        self._over = ""
+        self._delay = 0.0
+        self._mean_rate = 1.0
+        self._world_error = ""
+        self._end_text = ""
 
     def _new_referee(self) -> LiveReferee | None:
         """Return the judge of a new attempt at the task; None for a task without one."""
@@ -239,7 +239,7 @@ class LiveConsole:
             raise TwinError("this console asks no questionnaires: start the program with --before or --after")
         self.require_free(client)
         self._forms.answer(when, name, answers, weights)
-        self.reading = self._read()
+        self.reading = self._read_state()
 
     @property
     def asks(self) -> bool:
@@ -274,7 +274,7 @@ class LiveConsole:
         if procedure is not None:
             for robot in procedure.start:
                 self.device.set(ROBOT_TOOL.of(robot), self._first_settings[ROBOT_TOOL.of(robot)])
-        self._begin()
+        self._begin_attempt()
         if self._forms is not None:
             self._forms.restart()
         if old_recorder is not None:
@@ -282,7 +282,7 @@ class LiveConsole:
         self.owner = None
         self.device.leave()
         self.device.feel(self.condition.haptics)
-        self.reading = self._read()
+        self.reading = self._read_state()
 
     def start_task(self, client: str, name: str | None) -> None:
         """End this content, so that the server shows another task; None: no task, the hands only move the robots.
@@ -292,13 +292,13 @@ class LiveConsole:
             TwinError: there is no such task, or the server shows only this exercise.
         """
         if self.choice is None:
-            raise TwinError(f"this server shows only one exercise: {self._why_one}")
+            raise TwinError(f"this server shows only one exercise: {self._single_exercise_reason}")
         self.require_free(client)
         self.choice.ask(name)
-        self.reading = self._read()
+        self.reading = self._read_state()
 
     @property
-    def _why_one(self) -> str:
+    def _single_exercise_reason(self) -> str:
         """Reason why a page cannot start another task, and the way out."""
         if self.scene.trainer is not None:
             return f"scene '{self.scene.name}' has the machines of a trainer, so that its page cannot start a task"
@@ -316,26 +316,26 @@ class LiveConsole:
         """
         self._require_task()
         self.require_free(client)
-        if not self._over:
-            self._finish("The task was ended.")
+        if not self._end_text:
+            self._finish_attempt("The task was ended.")
 
     def _require_task(self) -> None:
         if self.referee is None:
             raise TwinError("there is no task to end or restart: start one on the page, or this program with --task")
 
-    def _finish(self, reason: str) -> None:
+    def _finish_attempt(self, reason: str) -> None:
         """Stop the World, complete the session file, and begin to make the report."""
-        self._over = reason
+        self._end_text = reason
         self.owner = None
         self.planning.reset()
         self.device.leave()
         self._add_trial()
-        if self._ended is not None:
-            self._ended()
+        if self._tell_end is not None:
+            self._tell_end()
         if self.recorder is None:
             return
         self.recorder.close(self.world.tick)
-        self._report.begin(self.attempt, self.recorder.path, self.scene.file)
+        self._attempt_report.begin(self.attempt, self.recorder.path, self.scene.file)
 
     def _add_trial(self) -> None:
         """Add a row for this attempt to the table of trials; a failure is shown, and nothing else stops."""
@@ -353,10 +353,10 @@ class LiveConsole:
     @property
     def ended(self) -> str:
         """Why the World is at rest: an error, or the end of the task; "" while it runs."""
-        if self._stopped:
-            return f"The World has stopped: {self._stopped}"
-        if self._over:
-            return f"{self._over} Restart the task to move the instruments."
+        if self._world_error:
+            return f"The World has stopped: {self._world_error}"
+        if self._end_text:
+            return f"{self._end_text} Restart the task to move the instruments."
         return ""
 
     def report(self) -> tuple[int, bytes | None, str] | None:
@@ -365,16 +365,16 @@ class LiveConsole:
         While the report is being made, the page is None and the error is "". After a failure, the page is None and the
         error is the reason.
         """
-        return self._report.newest()
+        return self._attempt_report.newest()
 
     def close(self) -> None:
         """Complete the session file, and remove temporary files."""
         self.planning.close()
         if self.recorder is not None:
             self.recorder.close(self.world.tick)
-        self._report.close()
-        if self._scratch is not None:
-            self._scratch.cleanup()
+        self._attempt_report.close()
+        if self._temporary_folder is not None:
+            self._temporary_folder.cleanup()
         if self.machines is not None:
             self.machines.close()
 
@@ -385,51 +385,51 @@ class LiveConsole:
 
         If this computer is too slow, the World runs slower than real time. After an error, the World remains stopped.
         """
-        if not self._stopped and not self._over and passed > 0:
-            self._step(passed)
-            self._judge()
+        if not self._world_error and not self._end_text and passed > 0:
+            self._step_world(passed)
+            self._end_judged_attempt()
             arm = ""
             if self.planning.hand:
                 arm = self.arm(self.planning.hand)
             self.planning.poll(arm)
         old_reading = self.reading
-        self.reading = self._read()
+        self.reading = self._read_state()
         return log_changes(old_reading, self.reading, self.device.patience)
 
-    def _judge(self) -> None:
+    def _end_judged_attempt(self) -> None:
         """End the attempt if the task is completed, or if the session file is full."""
         if self.referee is None:
             return
         if self.referee.complete:
-            self._finish(self.referee.ending)
+            self._finish_attempt(self.referee.ending)
         elif self.recorder is not None and not self.recorder.running:
-            self._finish("The task was ended: the session is no longer recorded.")
+            self._finish_attempt("The task was ended: the session is no longer recorded.")
 
-    def _step(self, passed: float) -> None:
+    def _step_world(self, passed: float) -> None:
         dt = self.world.dt
         end = time.monotonic() + _STEPPING_TIME
-        self._owed += passed
-        step_count = int(self._owed / dt + 1e-6)  # a whole number of steps may be a rounding error too small
+        self._delay += passed
+        step_count = int(self._delay / dt + 1e-6)  # a whole number of steps may be a rounding error too small
         remaining = step_count
         try:
             while remaining > 0:
-                steps = min(remaining, self._chunk)
-                self._before_steps(math.ceil(remaining / self._chunk))
+                steps = min(remaining, self._group_size)
+                self._before_steps(math.ceil(remaining / self._group_size))
                 self.world.step(steps)
                 remaining -= steps
                 if time.monotonic() > end:
                     break
         except TwinError as error:
-            self._stopped = str(error)
+            self._world_error = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
         self._after_steps(remaining > 0)
         simulated = (step_count - remaining) * dt
-        self._owed = min(self._owed - simulated, _MAX_DELAY)
+        self._delay = min(self._delay - simulated, _MAX_DELAY)
         weight = min(1.0, passed) / _RATE_MEAN_TIME
-        self._rate += weight * (simulated / passed - self._rate)
+        self._mean_rate += weight * (simulated / passed - self._mean_rate)
 
     @property
-    def _chunk(self) -> int:
+    def _group_size(self) -> int:
         """Number of steps of the World in a group."""
         return _STEPS_PER_CHECK
 
@@ -454,8 +454,8 @@ class LiveConsole:
         Raises:
             HeldError: another client controls the hands, the task has ended, or a questionnaire is due.
         """
-        if self._over:
-            raise HeldError(f"{self._over} Restart the task to move the instruments.")
+        if self._end_text:
+            raise HeldError(f"{self._end_text} Restart the task to move the instruments.")
         if self.asks:
             raise HeldError("Answer the questionnaire on the page first; then the hands move the instruments.")
         self.own(client)
@@ -567,8 +567,8 @@ class LiveConsole:
         """
         if do == "cancel":
             return self.planning.cancel()
-        if self._over:
-            raise HeldError(f"{self._over} Restart the task to plan a motion.")
+        if self._end_text:
+            raise HeldError(f"{self._end_text} Restart the task to plan a motion.")
         self.require_free(client)
         if self.table.teleoperation is not None:
             raise TwinError(f"{self.scene.name}: a robot that a hand moves by rates makes no planned motions")
@@ -630,18 +630,18 @@ class LiveConsole:
     @property
     def view(self) -> Array:
         """Pose (4, 4) of the endoscope's picture in the World: x right, y up, z out of the picture."""
-        return self.world.signals[CAMERA_VIEW.of(self._camera)].reshape(4, 4)
+        return self.world.signals[CAMERA_VIEW.of(self._camera_robot)].reshape(4, 4)
 
     def forces(self) -> dict[str, Array]:
         """Return, for each hand, the largest force (3,) in N since the last call, in {H}, the axes of the picture."""
-        return self._peaks.take()
+        return self._force_peaks.take()
 
     @property
     def camera_at(self) -> Array:
         """Present pan, tilt, depth and roll (4,) of the camera; the depth is in m, the angles are in rad."""
-        return self.world.signals[CAMERA_AT.of(self._camera)]
+        return self.world.signals[CAMERA_AT.of(self._camera_robot)]
 
-    def _read(self) -> JsonObject:
+    def _read_state(self) -> JsonObject:
         arms = {hand: self.arm(hand) for hand in self.table.hands}
         machines = None
         if self.machines is not None:
@@ -652,9 +652,9 @@ class LiveConsole:
         return {
             "owner": self.owner,
             "heard": self.device.heard,
-            **self._state.read(arms),
-            "rate": round(self._rate, 1),
-            "stopped": self._stopped or None,
+            **self._console_state.read(arms),
+            "rate": round(self._mean_rate, 1),
+            "stopped": self._world_error or None,
             "task": self._scoreboard(),
             "leaving": self.choice is not None and self.choice.asked,
             "machines": machines,
@@ -684,7 +684,7 @@ class LiveConsole:
             "title": self.task.title,
             "trials": trials,
             "attempt": self.attempt,
-            "over": self._over or None,
+            "over": self._end_text or None,
             "report": report,
             **self.referee.content(),
         }

@@ -46,13 +46,13 @@ class _Shown(Block):
         self._desired = ROBOT_DESIRED.of(robot)
         self._q = ROBOT_Q.of(robot)
         self._ghost = f"{robot}{MODEL}.q"
-        self._apart = ROBOT_APART.of(robot)
-        self.outputs = {self._q: q, self._ghost: q, self._apart: np.zeros(len(q))}
+        self._difference_signal = ROBOT_APART.of(robot)
+        self.outputs = {self._q: q, self._ghost: q, self._difference_signal: np.zeros(len(q))}
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         q = signals.now[self._measured]
         desired = signals.now[self._desired]
-        return {self._q: q, self._ghost: desired, self._apart: desired - q}
+        return {self._q: q, self._ghost: desired, self._difference_signal: desired - q}
 
 
 class Mirror:
@@ -69,7 +69,7 @@ class Mirror:
         """Start in the posture home."""
         self.robot = robot
         self._source = source
-        self._misfit = ""
+        self._shape_problem = ""
         self.name = robot.name
         self.ghost = robot.name + MODEL
         q = np.array(robot.mechanism.posture("home"), float)
@@ -95,11 +95,11 @@ class Mirror:
         state = self._source.newest
         if not self._source.answers:
             state = None
-        self._misfit = ""
+        self._shape_problem = ""
         if state is not None:
             largest = float(np.abs([state.q, state.wanted]).max())
             if largest > _MAX_JOINT_VALUE:
-                self._misfit = (
+                self._shape_problem = (
                     f"a joint value of the machine is {largest:g} rad or m (limit {_MAX_JOINT_VALUE:g}): check its unit"
                 )
                 state = None
@@ -108,7 +108,7 @@ class Mirror:
         try:
             self.links = self.world.link_poses()
         except AssemblyError as error:
-            self._misfit = f"{error}: check order and units of the machine's joints"
+            self._shape_problem = f"{error}: check order and units of the machine's joints"
 
     @property
     def deviation(self) -> JsonObject:
@@ -131,7 +131,7 @@ class Mirror:
     @property
     def problem(self) -> str:
         """Reason why the robot does not follow the machine; "" while the robot follows."""
-        problem = self._misfit or self._source.problem
+        problem = self._shape_problem or self._source.problem
         if problem:
             return problem
         if self.level is None:

@@ -117,14 +117,14 @@ class WorldFeed:
         self._signals.append(ORGAN_FREED.of(organ.name))
         marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.pinned_nodes))]
         self.surfaces[self._bed] = FieldSurface(np.concatenate(marks), _BED_COLOR)
-        self._shown = b""
+        self._shown_state = b""
 
     def follow(self, links: Mapping[str, Mapping[str, Array]], passed: float) -> bool:
         """Return whether a vertex has moved since the last call."""
         signals = self._world().signals
         values = b"".join(signals[name].tobytes() for name in self._signals)
-        has_moved = values != self._shown
-        self._shown = values
+        has_moved = values != self._shown_state
+        self._shown_state = values
         return has_moved
 
     def at(self, t: float) -> WorldFrame:
