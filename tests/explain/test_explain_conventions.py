@@ -21,8 +21,8 @@ from twin.validation.explain.conventions import (
     _offset_and_residual,
     _scalar_outputs,
     conventions,
-    dh_form,
 )
+from twin.validation.explain.denavit_hartenberg import dh_form
 from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, is_of_formula
 from twin.validation.explain.row_deviations import Judge

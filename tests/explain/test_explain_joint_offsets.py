@@ -10,8 +10,8 @@ from made.formulas import replaced
 from twin import api
 from twin.robots import load_formula
 from twin.robots._authoring import row
-from twin.validation.explain.joint_offsets import axes_text, offsets
 from twin.validation.explain.judged_states import sampled_values
+from twin.validation.explain.pose_conventions import axes_text, joint_offsets
 from twin.validation.explain.row_deviations import Judge
 
 
@@ -51,7 +51,7 @@ def messages(formula, reference, variants=None, **functions):
     for name, function in functions.items():
         formula = replaced(formula, name, function)
     with np.errstate(all="ignore"):
-        return [c.message for c in offsets(Judge(formula, variants, reference))]
+        return [c.message for c in joint_offsets(Judge(formula, variants, reference))]
 
 
 def test_the_printed_table_of_the_psm_lacks_three_offsets(psm):

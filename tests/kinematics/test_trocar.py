@@ -201,7 +201,7 @@ def test_the_usual_residual_accepts_the_wrong_side_and_ours_does_not(kin, at_pos
 def test_the_shaft_outside_is_on_the_other_side_of_the_tip():
     from types import SimpleNamespace
 
-    from twin.validation.fulcrum import OUTER_POINT_DISTANCE, sideways_motion
+    from twin.validation.report_curves import OUTER_POINT_DISTANCE, sideways_motion
 
     tilt = np.linspace(-0.3, 0.3, 7)
     R = np.array([spatial.exp_so3([0.0, a, 0.0]) for a in tilt])

@@ -38,8 +38,8 @@ from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
+from twin.validation.baked_motion import written_trocars
 from twin.validation.stage_content import compare_content
-from twin.validation.trocars import check_written_trocars
 
 AWAY = np.array([1 * MM, 0, 0])
 
@@ -168,11 +168,10 @@ def test_a_trocar_that_was_moved_after_the_motion_was_baked_is_told_by_name(robo
     assert (found.code, found.severity, found.where) == ("baked.trocar", "disagreement", "right")
     assert found.size == pytest.approx(1, abs=1e-4)
     cad = robot.bound(load_protocol(file)).cad
-    case = SimpleNamespace(cad=cad, written=built.with_name(f"{made.NAME}_moved.usda"), baked_for_it=False)
-    assert [(f.where, f.severity) for f in check_written_trocars(case)] == [
-        ("right", "warning")
-    ]  # it may just be older
-    assert not check_written_trocars(SimpleNamespace(**{**vars(case), "cad": robot.bound(robot.protocol("moved")).cad}))
+    moved = built.with_name(f"{made.NAME}_moved.usda")
+    findings = written_trocars(moved, cad.mechanism, due=False)
+    assert [(f.where, f.severity) for f in findings] == [("right", "warning")]  # it may just be older
+    assert not written_trocars(moved, robot.bound(robot.protocol("moved")).cad.mechanism, due=False)
 
 
 @pytest.mark.nightly

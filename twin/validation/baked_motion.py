@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.atomic import Scratch
 from twin.core.errors import StageError
-from twin.core.findings import Finding, Kind, Severity, disagreement
+from twin.core.findings import Finding, Kind, Severity, disagreement, finding
 from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -22,8 +22,8 @@ from twin.planning.link_motion import LinkMotion
 from twin.planning.trajectory import Trajectory, key_times
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, clearance
-from twin.reference.mating import Mate, mates
-from twin.usd.read import read_motion
+from twin.reference.mating import LOOSE, Mate, mates
+from twin.usd.read import read_motion, read_stage
 from twin.usd.write import BakedMotion, write_motion, write_stage
 from twin.validation.residual_rows import SampleClock, Tolerances, rotation_vectors, row
 from twin.validation.result import PhaseSummary, Residual
@@ -43,7 +43,11 @@ TIME_TOLERANCE = 1e-6
 _OWN_TIME_TOLERANCE = 1e-9
 """Tolerance in s of the time codes that were written just before, without another program between."""
 
+_SINGLE_PRECISION = 1e-6
+"""Tolerance in m of a position stored in single precision."""
+
 _BAKED_DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
+_PARTS_APART = Kind("cad.apart", "disagreement", "check scale and place of the shapes of both bodies")
 _CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
 
 
@@ -275,6 +279,46 @@ def existing_motion_rows(
     return rows, findings
 
 
+def written_trocars(root: Path | None, mechanism: Mechanism, due: bool) -> list[Finding]:
+    """Return a finding for each trocar whose position on the stage with the baked motion differs from the protocol.
+
+    `root` is this stage, None if it does not exist; `mechanism` has the trocars of the protocol. For `due`, see
+    `existing_motion_rows`.
+
+    Raises:
+        StageError: the stage cannot be read.
+    """
+    if root is None or not mechanism.trocars:
+        return []
+    # a motion that was baked for another protocol may have the trocar elsewhere
+    severity: Severity = "disagreement" if due else "warning"
+    # what is on disk is judged, not what would be written now
+    written = read_stage(root).trocar_places
+    findings = []
+    for name, place in mechanism.trocar_places.items():
+        if name not in written:
+            continue  # a trocar missing on the stage is reported by the comparison of the stage
+        distance = float(np.linalg.norm(written[name] - place))
+        if distance <= _SINGLE_PRECISION:
+            continue
+        position = ", ".join(f"{coordinate / MM:.3f}" for coordinate in written[name])
+        text = (
+            f"the motion on the stage has trocar '{name}' at ({position}) mm; distance from the trocar of the protocol"
+        )
+        findings.append(
+            finding(
+                severity,
+                "baked.trocar",
+                name,
+                text,
+                size=mm(distance),
+                limit=mm(_SINGLE_PRECISION),
+                suggestion="run `twin build` again",
+            )
+        )
+    return findings
+
+
 def baked_rows(
     measured: MeasuredMotion, samples: MotionSamples, phases: tuple[PhaseSummary, ...], tolerances: Tolerances
 ) -> tuple[list[Residual], list[Finding]]:
@@ -325,6 +369,18 @@ def baked_rows(
         )
     )
     return rows, findings
+
+
+def parts_apart(mates: Iterable[Mate]) -> list[Finding]:
+    """Return a finding for each joint whose two parts do not touch in the CAD."""
+    findings = []
+    for mate in mates:
+        if not mate.distance > LOOSE:  # NaN is no distance
+            continue
+        first, second = mate.parts
+        text = f"the parts of joint '{mate.joint}', {first} and {second}, are apart in the CAD"
+        findings.append(_PARTS_APART(mate.joint, text, mm(mate.distance), mm(LOOSE), when="as drawn"))
+    return findings
 
 
 def clearance_facts(

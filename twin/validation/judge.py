@@ -6,9 +6,6 @@ import contextlib
 import platform
 from importlib.metadata import version
 
-import numpy as np
-
-from twin.core import spatial
 from twin.core.errors import AssemblyError, StageError
 from twin.core.findings import Finding, Kind, disagreement, info
 from twin.core.jobs import Call
@@ -18,7 +15,6 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Solver
-from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.baked_motion import (
     MeasuredMotion,
@@ -27,23 +23,29 @@ from twin.validation.baked_motion import (
     clearance_facts,
     existing_motion_rows,
     measure_motion,
+    parts_apart,
     sampled_motion,
+    written_trocars,
 )
 from twin.validation.case import PARTS, Case, KnownResults, Part
 from twin.validation.checked_plan import OTHERS
 from twin.validation.equation_checks import compare, tool_rates
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.fulcrum import sideways_motion
 from twin.validation.joint_range import whole_range
 from twin.validation.lengths import check_lengths, with_length_causes
 from twin.validation.margins import check_equations_margins
+from twin.validation.report_curves import trajectory_curves
 from twin.validation.residual_rows import display_text, pose_rows, row
 from twin.validation.result import Report
 from twin.validation.stage_content import compare_content
-from twin.validation.trajectory_checks import check_between_samples, check_passive_limits, check_protocol, check_rcm
+from twin.validation.trajectory_checks import (
+    check_between_samples,
+    check_passive_limits,
+    check_protocol,
+    check_rcm,
+    check_shafts_through_trocars,
+)
 from twin.validation.trocar_methods import compare_three_methods
-from twin.validation.trocars import check_shafts_through_trocars, check_written_trocars
-from twin.validation.unit_mistakes import parts_apart
 
 _NO_EQUATIONS = info(
     "equations.none",
@@ -100,7 +102,9 @@ def judge(
                 _judge_motion(measured, motion_samples, case, comparison)
         except AssemblyError as error:
             comparison.findings.append(_unreachable_poses(mechanism, error))
-    _add_curves(comparison, trajectory)
+    v_tool, a_tool = tool_rates(trajectory)
+    comparison.series.setdefault("q", trajectory.q)
+    comparison.series |= {**trajectory_curves(trajectory), "v_tool": v_tool, "a_tool": a_tool}
     comparison.facts["mechanism"] = _mechanism_facts(case.model)
     findings = [*case.cad.findings]
     if "protocol" in parts:
@@ -193,28 +197,6 @@ def _unreachable_poses(mechanism: Mechanism, error: AssemblyError) -> Finding:
     )
 
 
-def _add_curves(comparison: EquationsComparison, trajectory: Trajectory) -> None:
-    v_tool, a_tool = tool_rates(trajectory)
-    angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
-    comparison.series.setdefault("q", trajectory.q)
-    comparison.series |= {
-        "t": trajectory.t,
-        "qd": trajectory.qd,
-        "qdd": trajectory.qdd,
-        "p_tool": trajectory.Ts_base_tool[:, :3, 3],
-        "v_tool": v_tool,
-        "a_tool": a_tool,
-        "angles": np.unwrap(angles, axis=0),
-        "rcm_error": trajectory.rcm_error,
-        "fulcrum": sideways_motion(trajectory),
-        "limit_margin": trajectory.limit_margin.min(axis=1),
-    }
-    for name, values in trajectory.singularity.items():
-        comparison.series[f"singularity.{name}"] = values
-    for name, values in trajectory.reach.items():
-        comparison.series[f"reach.{name}"] = values
-
-
 def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
     mechanism = model.mechanism
     mobility = model.mobility(model.home().x)
@@ -293,7 +275,7 @@ def _check_files(case: Case, comparison: EquationsComparison) -> None:
     for finding in check_stage(case.written):
         if (finding.code, finding.where) not in reported:
             comparison.findings.append(finding)
-    comparison.findings += check_written_trocars(case)
+    comparison.findings += written_trocars(case.written, case.cad.mechanism, case.baked_for_it)
 
 
 def _judge_motion(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -98,10 +98,20 @@ def _compare_names(kind: str, in_cad: set[str], on_stage: set[str]) -> Iterator[
         yield _CONTENT_DIFFERS(name, f"{kind} '{name}' is on the stage, but not in the CAD")
 
 
-def _pairs_by_name(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, Any]]:
+class _Named(Protocol):
+    """A part of a mechanism: a joint, a body, a frame, ..."""
+
+    @property
+    def name(self) -> str: ...
+
+
+_Part = TypeVar("_Part", bound=_Named)
+
+
+def _pairs_by_name(in_cad: Iterable[_Part], on_stage: Iterable[_Part]) -> list[tuple[_Part, _Part]]:
     """Return pairs (item of `in_cad`, item of `on_stage`) with the same name."""
     by_name = {item.name: item for item in on_stage}
-    pairs: list[tuple[Any, Any]] = []
+    pairs: list[tuple[_Part, _Part]] = []
     for item in in_cad:
         if item.name in by_name:
             pairs.append((item, by_name[item.name]))

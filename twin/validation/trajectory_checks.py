@@ -1,4 +1,4 @@
-"""Check the mechanism along a trajectory: distance from the RCM, limits of all joints, timing."""
+"""Check the mechanism along a trajectory: distance from the RCM and from trocars, limits of all joints, timing."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import moved
 from twin.core.units import DEG, display_unit
+from twin.model.mechanism import Mechanism
 from twin.planning.check import check
 from twin.validation.case import Case
 from twin.validation.checked_plan import retimed
@@ -17,9 +18,20 @@ from twin.validation.rcm_between_samples import between_samples
 from twin.validation.rcm_fixes import rcm_fixes
 from twin.validation.residual_rows import row
 from twin.validation.sampled_timing import check_rates
-from twin.validation.unit_mistakes import wide_limits
+
+LARGEST_PLAUSIBLE_TURN = 8 * np.pi
+"""Range in rad of an angular joint above which its limits are probably in a wrong unit."""
+
+LARGEST_PLAUSIBLE_SLIDE = 4.0
+"""Range of a sliding joint, divided by the robot's size, above which its limits are probably in a wrong unit."""
 
 _RCM_MISSED = Kind("rcm.mechanism", "disagreement", word="tolerance")
+_SHAFT_MISSES_TROCAR = Kind(
+    "rcm.trocar", "disagreement", "correct the frames of the trocar's joints or of the instrument", word="tolerance"
+)
+_RANGE_IMPLAUSIBLE = Kind(
+    "limit.implausible", "disagreement", "check the unit of its limits; omit the limits of a joint without end stops"
+)
 _PASSIVE_LIMIT_EXCEEDED = Kind(
     "limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word=""
 )
@@ -65,6 +77,37 @@ def check_rcm(case: Case, comparison: EquationsComparison) -> None:
             comparison.residuals.append(residual)
 
 
+def check_shafts_through_trocars(case: Case, comparison: EquationsComparison) -> None:
+    """Check the distance of each shaft axis from its trocar along the motion."""
+    run = comparison.posed
+    mechanism = case.cad.mechanism
+    shafts = {}
+    for name in mechanism.trocars:
+        shaft = mechanism.shaft_through(name)
+        if shaft is not None:
+            shafts[name] = shaft
+    if run is None or not shafts:
+        return
+    links = case.model.link_poses(run.x)
+    tolerance = case.protocol.tolerances.rcm
+    times = case.clock.at(comparison.coarse)
+    for name, shaft in shafts.items():
+        T = links[shaft.body] @ shaft.T_body_frame
+        # z of the frame is along the shaft
+        distances = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
+        residual = row(
+            "B",
+            "rcm",
+            name,
+            unit="m",
+            differences=distances,
+            tolerance=tolerance,
+            clock=times,
+            note=f"{shaft.body} in trocar {name}",
+        )
+        comparison.judge(residual, _SHAFT_MISSES_TROCAR, f"{shaft.body} misses trocar '{name}'")
+
+
 def _tool_follows(comparison: EquationsComparison) -> bool:
     """Return whether the tool pose of the driven mechanism is wrong because of an equation that is already named."""
     return any(residual.quantity == "tool" and residual.consequence_of for residual in comparison.residuals)
@@ -99,6 +142,35 @@ def check_passive_limits(case: Case, comparison: EquationsComparison) -> None:
             what = f"passive joint {joint.name} is {beyond} beyond its limit"
             comparison.findings.append(_PASSIVE_LIMIT_EXCEEDED(joint.name, what, beyond, 0.0, when=when))
     comparison.facts["limits of passive joints"] = margins_left
+
+
+def wide_limits(mechanism: Mechanism) -> list[Finding]:
+    """Return a finding for each driven joint with an implausibly wide range."""
+    size = _size_of_robot(mechanism)
+    findings = []
+    for joint in mechanism.active:
+        if joint.limits is None:
+            continue
+        low, high = joint.limits
+        width = high - low
+        most = LARGEST_PLAUSIBLE_TURN if joint.is_angle else LARGEST_PLAUSIBLE_SLIDE * size
+        if most > 0 and width > most:
+            text = f"joint {joint.name} has an implausibly wide range"
+            range_width = moved(width, joint.is_angle)
+            findings.append(_RANGE_IMPLAUSIBLE(joint.name, text, range_width, moved(most, joint.is_angle)))
+    return findings
+
+
+def _size_of_robot(mechanism: Mechanism) -> float:
+    """Return the diagonal in m of the box around all joint origins in the rest pose; 0 without joints."""
+    places = []
+    for joint in mechanism.joints:
+        if joint.parent in mechanism.rest:
+            T_base_joint = mechanism.rest[joint.parent] @ joint.T_parent_joint
+            places.append(T_base_joint[:3, 3])
+    if not places:
+        return 0.0
+    return float(np.linalg.norm(np.ptp(np.array(places), axis=0)))
 
 
 def check_between_samples(case: Case, comparison: EquationsComparison) -> None:

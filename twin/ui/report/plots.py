@@ -33,7 +33,7 @@ from twin.ui.report.style import (
     phase_bands,
     styled,
 )
-from twin.validation.fulcrum import OUTER_POINT_DISTANCE
+from twin.validation.report_curves import OUTER_POINT_DISTANCE
 from twin.validation.result import Report, RowKind
 
 if TYPE_CHECKING:

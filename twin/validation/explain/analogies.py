@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, permutations
 from types import CodeType
-from typing import Any
 
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.expression_shifts import Shift
 from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets, text_after_edits
 from twin.validation.explain.plain_values import scalar_form, unwrapped
@@ -75,7 +75,7 @@ def scalar_values(code: CodeType, shift: Shift) -> Array | None:
     return all_values
 
 
-def _scalar_in_scope(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any], k: int) -> Array | None:
+def _scalar_in_scope(code: CodeType, scope: Mapping[str, Value], names: Mapping[str, Value], k: int) -> Array | None:
     """Return the values (k,) of an expression in a scope, in which `names` have other values; None if no scalar."""
     try:
         value = eval(code, dict(scope), names)
@@ -105,7 +105,7 @@ def _values_of_renamings(
     each = len(shift.added) // len(shift.scopes)
     parts: list[Array] = []
     for scope in shift.scopes:
-        names: dict[str, Any] = {}
+        names: dict[str, Value] = {}
         as_scalar = scalar_form(scope)
         for name in template.names:
             columns: list[Array] = []

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
@@ -369,7 +369,7 @@ class _BatchedGaussNewton:
         if self.has_swivel:
             angle = np.zeros(k)
             angle[: count * poses] = values[:, :, -1].ravel()
-        extra: dict[str, Any] = {}
+        extra: dict[str, Value] = {}
         for number, shift in shifts.items():
             extra[_function_name(number)] = shift
         residuals = residuals_with(judge, self.equation, self.edits, extra, angle)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -165,7 +164,7 @@ def edited_residuals(
 
 
 def residuals_with(
-    judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Any], angle: Array | None = None
+    judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Value], angle: Array | None = None
 ) -> dict[RowKey, Array] | None:
     """Return the residuals of the rows that edits change; None if they cannot be evaluated.
 
@@ -180,12 +179,12 @@ def residuals_with(
 
 
 @contextmanager
-def names_in_helpers(judge: Judge, step: Step, change: Sequence[Edit], values: Mapping[str, Any]) -> Iterator[None]:
+def names_in_helpers(judge: Judge, step: Step, change: Sequence[Edit], values: Mapping[str, Value]) -> Iterator[None]:
     """Put names into the globals of the functions that an equation calls, if an edit is in one of these functions.
 
     The edited text of such a function looks the names up there.
     """
-    scopes: list[dict[str, Any]] = []
+    scopes: list[dict[str, Value]] = []
     for edit in change:
         if edit.function != step.source.name:
             scopes = [helper.function.__globals__ for helper in judge.helpers(step)]

@@ -1,15 +1,14 @@
 """Find conventions under which formula and mechanism agree: Euler angles, units, signs, axes, and others.
 
-Each convention is tried as a whole, because no edit of a single row has the same effect.
+Each convention is tried as a whole, because no edit of a single row has the same effect. Here are those of values:
+Euler angles, units, signs, zeros, and axes of points. Those of poses are in `pose_conventions`, those of functions in
+`denavit_hartenberg`.
 """
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -18,27 +17,19 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
 from twin.formula.scalar import Value
-from twin.validation.explain.equation_steps import Helper, RowKey, Step
+from twin.validation.explain.convention_rows import FixedRows, any_row_agrees, row_names, rows_fixed_by
+from twin.validation.explain.denavit_hartenberg import denavit_hartenberg_forms
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation_data import Convention
-from twin.validation.explain.invariants import formula_pose, formula_values
-from twin.validation.explain.joint_offsets import axes_text, offsets
-from twin.validation.explain.plain_values import as_arrays, as_objects
-from twin.validation.explain.rebuilt_functions import Matrix, rotations_about, to_array
+from twin.validation.explain.invariants import formula_values
+from twin.validation.explain.pose_conventions import axes_text, joint_offsets, pose_frames, signed_permutations
+from twin.validation.explain.rebuilt_functions import Matrix, to_array
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, worst
 from twin.validation.explain.suspect_statements import suspects
 
 _VALUE_ROUNDING = 1e-9
 """Differences, in m or rad, that are rounding."""
-
-_LARGEST_CONDITION_NUMBER = 1e12
-"""Condition number of a matrix above which its inverse is mostly rounding."""
-
-_MATRIX_ROUNDING = 1e-12
-"""Largest difference of two matrices of the same row of a Denavit-Hartenberg table."""
-
-_DH_PROBE = (0.3, 0.7, 1.1, 0.45)
-"""Arguments, in m and rad, that show the form of a Denavit-Hartenberg row: they differ, so that only one order fits."""
 
 _NAMED_RATIOS = (
     (-1.0, "sign", "the opposite sign"),
@@ -63,7 +54,7 @@ def conventions(judge: Judge, general_conventions: Sequence[Convention] | None =
         general_conventions = conventions_of_all_rows(judge)
     found = [*general_conventions, *_scalar_outputs(judge)]
     if not found:  # a slow search, so only where nothing simpler was found
-        found = list(offsets(judge))
+        found = list(joint_offsets(judge))
     return sorted(found, key=lambda convention: (-len(convention.rows), convention.after))
 
 
@@ -71,56 +62,12 @@ def conventions(judge: Judge, general_conventions: Sequence[Convention] | None =
 def conventions_of_all_rows(judge: Judge) -> list[Convention]:
     """Return the conventions that are not of single rows: angles, units, axes, frames, Denavit-Hartenberg form."""
     return [
-        *_denavit_hartenberg(judge),
+        *denavit_hartenberg_forms(judge),
         *_input_units(judge),
         *_point_axes(judge),
-        *_pose_frames(judge),
+        *pose_frames(judge),
         *_euler_angles(judge),
     ]
-
-
-@dataclass(frozen=True)
-class _FixedRows:
-    """Wrong rows that agree under another convention.
-
-    Attributes:
-        places: the rows.
-        residual: their largest residual under this convention, in units of the tolerance.
-    """
-
-    places: list[RowPlace]
-    residual: float
-
-    def convention(self, kind: str, message: str) -> Convention:
-        """Return the convention as a result."""
-        return Convention(kind, message, _row_names(self.places), self.residual)
-
-
-def _fixed_rows(judge: Judge, other_judge: Judge) -> _FixedRows | None:
-    """Return the rows that are wrong in `judge` and agree in `other_judge`, which has another convention.
-
-    Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other_judge`.
-    """
-    failing = judge.failing()
-    other_residuals: dict[RowKey, float] = {}
-    for place, residual in other_judge.residuals.items():
-        other_residuals[place.key] = worst(residual)
-    for place in judge.residuals:
-        # Helpers have no printed rows of their own: a convention may change what they pass on.
-        if place in failing or judge.step(place.equation).stage == "helper":
-            continue
-        if other_residuals.get(place.key, np.inf) > 1:
-            return None
-    fixed: list[RowPlace] = []
-    largest = 0.0
-    for place in failing:
-        residual = other_residuals.get(place.key, np.inf)
-        if residual <= 1:
-            fixed.append(place)
-            largest = max(largest, residual)
-    if not fixed:
-        return None
-    return _FixedRows(fixed, largest)
 
 
 def _axis_sequences() -> tuple[str, ...]:
@@ -203,9 +150,9 @@ def _euler_angles(judge: Judge) -> Iterator[Convention]:
         angles_by_name = dict(zip(names, angles.T, strict=True))
         other_reference = reference.with_values(angles_by_name)
         # Few equations first: nearly all of the conventions fail there.
-        if not _any_row_agrees(judge.on(other_reference, suspected_equations), wrong):
+        if not any_row_agrees(judge.on(other_reference, suspected_equations), wrong):
             continue
-        fixed_rows = _fixed_rows(judge, judge.on(other_reference))
+        fixed_rows = rows_fixed_by(judge, judge.on(other_reference))
         if fixed_rows is None:
             continue
         message = (
@@ -224,22 +171,6 @@ def _is_any_input(judge: Judge, symbols: Sequence[str]) -> bool:
     return not inputs.isdisjoint(symbols)
 
 
-def _any_row_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
-    """Return whether at least one of some rows agrees in a judge."""
-    rows = {place.key for place in places}
-    for place, residual in judge.residuals.items():
-        if place.key not in rows:
-            continue
-        if worst(residual) <= 1:
-            return True
-    return False
-
-
-def _row_names(places: Iterable[RowPlace]) -> tuple[str, ...]:
-    """Return the names of rows, equation and symbol."""
-    return tuple(place.name for place in places)
-
-
 def _input_units(judge: Judge) -> Iterator[Convention]:
     """Yield one convention if the rows agree for angles in degrees, and one if they agree for lengths in mm."""
     in_degrees = "the rows expect angles in degrees, but the angles are given in radians"
@@ -252,7 +183,7 @@ def _input_units(judge: Judge) -> Iterator[Convention]:
         other_judge = judge.on(_with_scaled_values(judge, kind, units, factor))
         residuals = _residuals_in_unit(judge, other_judge, kind, factor)
         if residuals and len(residuals) == len(failing_names):
-            yield Convention("unit", message, _row_names(residuals), max(residuals.values()))
+            yield Convention("unit", message, row_names(residuals), max(residuals.values()))
 
 
 def _with_scaled_values(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
@@ -296,7 +227,7 @@ def _scalar_outputs(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
     reference = judge.reference
     values = formula_values(judge)
-    fixed_rows: dict[tuple[str, str], _FixedRows] = {}  # by kind and text of the convention
+    fixed_rows: dict[tuple[str, str], FixedRows] = {}  # by kind and text of the convention
     for place in judge.failing():
         true_value = to_array(reference.symbols[place.symbol], reference.k)
         is_constant = np.ptp(true_value) < _VALUE_ROUNDING  # any value is then a constant value with an offset
@@ -316,8 +247,8 @@ def _scalar_outputs(judge: Judge) -> Iterator[Convention]:
                 parts.append(_offset_text(offset, ratio, is_angle))
             if parts:
                 key = (kind, " and ".join(parts))
-                before = fixed_rows.get(key, _FixedRows([], 0.0))
-                fixed_rows[key] = _FixedRows([*before.places, place], max(before.residual, residual))
+                before = fixed_rows.get(key, FixedRows([], 0.0))
+                fixed_rows[key] = FixedRows([*before.places, place], max(before.residual, residual))
             break
     for (kind, text), rows in fixed_rows.items():
         symbols = ", ".join(place.symbol for place in rows.places)
@@ -422,191 +353,5 @@ def _point_axes(judge: Judge) -> Iterator[Convention]:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
             message = f"points {', '.join(names)} use other axes{handedness}: {axes_text(permutation)}{unit_text}"
-            yield Convention(kind, message, _row_names(places), residual)
+            yield Convention(kind, message, row_names(places), residual)
             return
-
-
-def signed_permutations() -> list[Array]:
-    """Return the 48 signed permutation matrices (3, 3), the identity first."""
-    matrices: list[Array] = []
-    for order in permutations(range(3)):
-        permutation = np.eye(3)[list(order)]
-        for signs in product((1.0, -1.0), repeat=3):
-            matrices.append(permutation * np.array(signs)[:, None])
-    return matrices
-
-
-def _pose_frames(judge: Judge) -> Iterator[Convention]:
-    """Yield a convention for each pose that agrees after an inversion, or after constant rotations of base and tool."""
-    for place in judge.failing():
-        if judge.reference.kinds[place.symbol] != "pose":
-            continue
-        T = formula_pose(judge, place)
-        if not np.isfinite(T).all():
-            continue
-        change = _agreeing_frames(judge, judge.reference.symbols[place.symbol].a, T)
-        if change is not None:
-            text, residual = change
-            message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
-            yield Convention("axes", message, (place.name,), residual)
-
-
-def _agreeing_frames(judge: Judge, true_T: Array, T: Array) -> tuple[str, float] | None:
-    """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
-    inverse = T
-    if np.linalg.cond(T).max() < _LARGEST_CONDITION_NUMBER:
-        inverse = np.linalg.inv(T)
-    true_p = true_T[:, :3, 3]
-    true_R = true_T[:, :3, :3]
-    best: tuple[str, float] | None = None
-    # Inversion, unit and base axes are tried; what is left must be one rotation of the tool, the same at all poses.
-    for inversion_text, T_tried in (("", T), ("inverted, ", inverse)):
-        for unit_text, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
-            p = T_tried[:, :3, 3] * factor
-            for R_base in signed_permutations():
-                position_residual = float(np.abs(p @ R_base.T - true_p).max() / judge.tolerance.length)
-                if position_residual > 1:
-                    continue
-                R_tool = np.swapaxes(R_base @ T_tried[:, :3, :3], 1, 2) @ true_R
-                rotation_residual = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
-                if not rotation_residual <= 1:
-                    continue
-                text = f"{inversion_text}{unit_text}"
-                if not np.allclose(R_base, np.eye(3)):
-                    text += f"base axes {axes_text(R_base)}, "
-                if not np.allclose(R_tool[0], np.eye(3)):
-                    text += f"tool axes {axes_text(R_tool[0].T)}, "
-                text = text.removesuffix(", ")
-                if best is None or len(text) < len(best[0]):
-                    best = text, max(position_residual, rotation_residual)
-    return best
-
-
-def _denavit_hartenberg(judge: Judge) -> Iterator[Convention]:
-    """Yield a convention for each helper that makes rows agree if it uses the other Denavit-Hartenberg form."""
-    failing = {place.equation for place in judge.failing()}
-    for step in judge.steps:
-        if step.equation.name not in failing or step.stage == "helper":
-            continue
-        for helper in judge.helpers(step):
-            for other_function, message in _other_forms(helper):
-                fixed_rows = _fixed_by_helper(judge, step, helper, other_function)
-                if fixed_rows is not None:
-                    yield fixed_rows.convention("dh", message)
-                    break
-
-
-def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Value], str]]:
-    """Yield (function in the other form, message) for a helper that returns poses."""
-    name = helper.source.name
-    function = helper.function
-    form = dh_form(function)
-    if form is not None:
-        kind, order = form
-        other_form = "standard" if kind == "modified" else "modified"
-        message = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other_form} form"
-        yield partial(_dh_row, other_form, order), message
-        return
-    swap = "swap rotation and translation"
-    is_modified = "moves first and then rotates, as in modified Denavit-Hartenberg form"
-    message = f"{name}() {is_modified}; the rows agree if it rotates first (standard form): {swap}"
-    yield partial(_swapped, function, False), message
-    is_standard = "rotates first and then moves, as in standard Denavit-Hartenberg form"
-    message = f"{name}() {is_standard}; the rows agree if it moves first (modified form): {swap}"
-    yield partial(_swapped, function, True), message
-
-
-def _fixed_by_helper(
-    judge: Judge, step: Step, helper: Helper, other_function: Callable[..., Value]
-) -> _FixedRows | None:
-    """Return the rows that agree if an equation calls another function instead of a helper; None as `_fixed_rows`."""
-    scopes = [step.scope, helper.function.__globals__]
-    for called in judge.helpers(step):
-        scopes.append(called.function.__globals__)
-    with _replaced(helper.function, other_function, scopes):
-        return _fixed_rows(judge, judge.on(judge.reference))
-
-
-@contextmanager
-def _replaced(
-    function: Callable[..., Value], other_function: Callable[..., Value], scopes: Iterable[dict[str, Value]]
-) -> Iterator[None]:
-    """In this context, each name of `function` in the scopes means `other_function`."""
-    names_in_scopes: list[tuple[dict[str, Value], str]] = []
-    for scope in scopes:
-        for name, value in list(scope.items()):
-            if value is function:
-                names_in_scopes.append((scope, name))
-                scope[name] = other_function
-    try:
-        yield
-    finally:
-        for scope, name in names_in_scopes:
-            scope[name] = function
-
-
-def _swapped(function: Callable[..., Value], rotates_first: bool, *values: Value) -> Value:
-    """Return the pose of a function with rotation and translation in the other order.
-
-    `rotates_first`: whether the function returns Rot Trans, which becomes Trans Rot; otherwise, the reverse.
-
-    Raises:
-        TypeError: the function returns no poses (4, 4).
-    """
-    value = function(*values)
-    pose = as_arrays(value)
-    if not isinstance(pose, Matrix) or pose.shape != (4, 4):
-        raise TypeError("no pose")
-    T = pose.a.copy()
-    R = T[:, :3, :3]
-    if rotates_first:  # the translation of Rot Trans is rotated: R^T rotates it back
-        R = np.swapaxes(R, 1, 2)
-    T[:, :3, 3] = (R @ T[:, :3, 3:])[..., 0]
-    if isinstance(value, Matrix):
-        return Matrix(T)
-    return as_objects(Matrix(T))
-
-
-def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
-    """Return the matrix of one row of a Denavit-Hartenberg table.
-
-    `form` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
-    """
-    columns: list[Array] = []
-    for i in order:
-        columns.append(np.atleast_1d(np.asarray(values[i], float)))
-    alpha, a, theta, d = np.broadcast_arrays(*columns)
-    about_x = _screw_motions(rotations_about(0)(alpha).a, 0, a)
-    about_z = _screw_motions(rotations_about(2)(theta).a, 2, d)
-    if form == "modified":
-        return Matrix(about_x @ about_z)
-    return Matrix(about_z @ about_x)
-
-
-def _screw_motions(R: Array, axis: int, distance: Array) -> Array:
-    """Return the poses (k, 4, 4) of rotations R (k, 3, 3) with translations (k,) along an axis."""
-    T = np.tile(np.eye(4), (len(R), 1, 1))
-    T[:, :3, :3] = R
-    T[:, axis, 3] = distance
-    return T
-
-
-def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | None:
-    """Return ("standard" or "modified", positions of the arguments alpha, a, theta, d) of a Denavit-Hartenberg row.
-
-    None if the function does not compute such a row.
-    """
-    if inspect.unwrap(function).__code__.co_argcount != 4:  # type: ignore[attr-defined]
-        return None
-    try:
-        T = function(*_DH_PROBE)
-    except Exception:
-        return None
-    if not isinstance(T, Matrix) or T.shape != (4, 4):
-        return None
-    for form in ("modified", "standard"):
-        for order in permutations(range(4)):
-            row = _dh_row(form, order, *_DH_PROBE)
-            if np.abs(row.a - T.a).max() < _MATRIX_ROUNDING:
-                return form, order
-    return None

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import islice
 from types import CodeType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.candidate import MULTI_TOKEN_KINDS, TOKEN_KINDS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression_shifts import DERIVATIVE_STEP, FlatShift, Shift
@@ -323,10 +323,10 @@ class Expression:
         return np.concatenate(parts)
 
 
-def _scalar_values(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
+def _scalar_values(code: CodeType, scope: dict[str, Value], k: int) -> Array | None:
     """Return the values (k,) of an expression in a scope; None if it is not a scalar."""
     try:
-        value: Any = eval(code, scope)
+        value: Value = eval(code, scope)
     except Exception:  # an edit may be any invalid text: a name without value, a matrix in a scalar function
         return None
     x = unwrapped(value)

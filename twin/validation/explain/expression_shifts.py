@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
+from twin.formula.scalar import Scalar, Value
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.plain_values import unwrapped
@@ -66,7 +65,7 @@ class Shift:
         self.added: Array = np.zeros((k, max(entries, 1)))
         self.value: Array = self.added
         self.valued_poses: NDArray[np.bool_] = np.ones(k, bool)
-        self.scope: dict[str, Any] = {}
+        self.scope: dict[str, Value] = {}
         self.differs: NDArray[np.bool_] = np.zeros(k, bool)
         self.is_repeated = False
         self.call_count = 0
@@ -79,7 +78,7 @@ class Shift:
         return bool(self.differs.any())
 
     @property
-    def scopes(self) -> list[dict[str, Any]]:
+    def scopes(self) -> list[dict[str, Value]]:
         """The scopes of the calls in which the values are; see `ShiftOfCalls.flat`."""
         return [self.scope]
 
@@ -90,7 +89,7 @@ class Shift:
         self.call_count = 0
         self._called = False
 
-    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
+    def __call__(self, value: Value, scope: dict[str, Value] | None = None) -> Value:
         """Return the shifted value; raise TypeError if the value has another form than the shift.
 
         A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
@@ -119,7 +118,7 @@ class Shift:
         return _in_form_of(value, shifted_value[:, 0])
 
 
-def _in_form_of(value: Any, shifted_value: Array) -> Any:
+def _in_form_of(value: Value, shifted_value: Array) -> Value:
     """Return shifted values (k,) in the form of a value: in plain functions, scalars are objects."""
     if isinstance(value, Scalar):
         return type(value)(shifted_value)
@@ -133,14 +132,14 @@ class ShiftOfCalls(Shift):
         super().__init__(k)
         self.added = np.zeros((k, calls))
         self.values: Array = np.zeros((k, calls))
-        self._scopes: list[dict[str, Any]] = [{} for _ in range(calls)]
+        self._scopes: list[dict[str, Value]] = [{} for _ in range(calls)]
 
     @property
-    def scopes(self) -> list[dict[str, Any]]:
+    def scopes(self) -> list[dict[str, Value]]:
         """The scope of each call."""
         return self._scopes
 
-    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
+    def __call__(self, value: Value, scope: dict[str, Value] | None = None) -> Value:
         """Return the value with the shift of this call; raise TypeError if it is no scalar, or one call too many."""
         x = unwrapped(value)
         call = self.call_count
@@ -167,13 +166,13 @@ class ShiftOfCalls(Shift):
 class FlatShift(Shift):
     """The shifts of several calls of a scalar, one after the other; each call has its own scope."""
 
-    def __init__(self, k: int, scopes: list[dict[str, Any]]) -> None:
+    def __init__(self, k: int, scopes: list[dict[str, Value]]) -> None:
         super().__init__(k)
         self.scope = scopes[0]
         self._scopes = scopes
 
     @property
-    def scopes(self) -> list[dict[str, Any]]:
+    def scopes(self) -> list[dict[str, Value]]:
         """The scope of each call."""
         return self._scopes
 

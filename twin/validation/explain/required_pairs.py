@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, islice, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.batched_solutions import Batch, Choice, LargestScalar
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.counterparts import counterpart_edits
@@ -333,7 +333,7 @@ class RequiredPairs:
         """Return the probes of some of `nodes`, of one function, all at once; an empty list if they have no values."""
         probes: list[_Probe] = []
         change: list[Edit] = []
-        extra: dict[str, Any] = {}
+        extra: dict[str, Value] = {}
         for i in indices:
             site, node = nodes[i]
             name = f"_required_{i}_"
@@ -589,7 +589,7 @@ class RequiredPairs:
     ) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows with shifted expressions, after the edits `fixed`."""
         change = list(fixed)
-        extra: dict[str, Any] = {}
+        extra: dict[str, Value] = {}
         for i, scalar in enumerate(scalars):
             name = f"_required_{i}_"
             change.append(shifted(scalar.site.source, scalar.site.statement, scalar.node, name))
@@ -622,7 +622,7 @@ class _Probe(Shift):
         self.is_scalar = True
         self.called = False
 
-    def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
+    def __call__(self, value: Value, scope: dict[str, Value] | None = None) -> Value:
         self.called = True
         x = unwrapped(value)
         if not self._is_number(x):
@@ -631,7 +631,7 @@ class _Probe(Shift):
         super().__call__(value)
         return value
 
-    def _is_number(self, x: Any) -> bool:
+    def _is_number(self, x: Value) -> bool:
         """Return whether a value is one number for all poses, or one for each; a bool is none."""
         if not isinstance(x, int | float | np.ndarray | np.floating):
             return False

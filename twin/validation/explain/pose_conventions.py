@@ -1,16 +1,17 @@
-"""Find the joint offsets that are missing in a formula, if the formula's tool pose disagrees with the mechanism.
+"""Find changes of a wrong tool pose of the formula with which it agrees with the mechanism: frames, and joint offsets.
 
-Offsets are accepted if, with them and with constant rotations of base and tool, the pose agrees with the mechanism.
+Frames (`pose_frames`): the pose is inverted, in millimetres, or has constant rotations of base and tool.
 
-A Denavit-Hartenberg table without joint offsets cannot be corrected by an edit of one row. An offset of the first or
-last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to three angles are
-tried. Offsets of lengths are computed by least squares.
+Joint offsets (`joint_offsets`): a Denavit-Hartenberg table without them cannot be corrected by an edit of one row. They
+are accepted if, with them and with constant rotations of base and tool, the pose agrees with the mechanism. An offset
+of the first or last angle is equivalent to a rotation of base or tool. For the other angles, quarter turns of up to
+three angles are tried. Offsets of lengths are computed by least squares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, islice, product
+from itertools import combinations, islice, permutations, product
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from twin.core.units import MM
 from twin.validation.explain.explanation_data import Convention
 from twin.validation.explain.invariants import formula_pose
 from twin.validation.explain.row_deviations import Judge, RowPlace
+
+_LARGEST_CONDITION_NUMBER = 1e12
+"""Condition number of a matrix above which its inverse is mostly rounding."""
 
 _QUARTER_TURNS = (np.pi / 2, -np.pi / 2, np.pi)
 """Offsets in rad that are tried for each angle."""
@@ -45,7 +49,63 @@ _AGREEING_SQUARE = 1e-9
 """Mean squared rotation residual below which the rotations agree."""
 
 
-def offsets(judge: Judge) -> Iterator[Convention]:
+def signed_permutations() -> list[Array]:
+    """Return the 48 signed permutation matrices (3, 3), the identity first."""
+    matrices: list[Array] = []
+    for order in permutations(range(3)):
+        permutation = np.eye(3)[list(order)]
+        for signs in product((1.0, -1.0), repeat=3):
+            matrices.append(permutation * np.array(signs)[:, None])
+    return matrices
+
+
+def pose_frames(judge: Judge) -> Iterator[Convention]:
+    """Yield a convention for each pose that agrees after an inversion, or after constant rotations of base and tool."""
+    for place in judge.failing():
+        if judge.reference.kinds[place.symbol] != "pose":
+            continue
+        T = formula_pose(judge, place)
+        if not np.isfinite(T).all():
+            continue
+        change = _agreeing_frames(judge, judge.reference.symbols[place.symbol].a, T)
+        if change is not None:
+            text, residual = change
+            message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
+            yield Convention("axes", message, (place.name,), residual)
+
+
+def _agreeing_frames(judge: Judge, true_T: Array, T: Array) -> tuple[str, float] | None:
+    """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
+    inverse = T
+    if np.linalg.cond(T).max() < _LARGEST_CONDITION_NUMBER:
+        inverse = np.linalg.inv(T)
+    true_p = true_T[:, :3, 3]
+    true_R = true_T[:, :3, :3]
+    best: tuple[str, float] | None = None
+    # Inversion, unit and base axes are tried; what is left must be one rotation of the tool, the same at all poses.
+    for inversion_text, T_tried in (("", T), ("inverted, ", inverse)):
+        for unit_text, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
+            p = T_tried[:, :3, 3] * factor
+            for R_base in signed_permutations():
+                position_residual = float(np.abs(p @ R_base.T - true_p).max() / judge.tolerance.length)
+                if position_residual > 1:
+                    continue
+                R_tool = np.swapaxes(R_base @ T_tried[:, :3, :3], 1, 2) @ true_R
+                rotation_residual = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
+                if not rotation_residual <= 1:
+                    continue
+                text = f"{inversion_text}{unit_text}"
+                if not np.allclose(R_base, np.eye(3)):
+                    text += f"base axes {axes_text(R_base)}, "
+                if not np.allclose(R_tool[0], np.eye(3)):
+                    text += f"tool axes {axes_text(R_tool[0].T)}, "
+                text = text.removesuffix(", ")
+                if best is None or len(text) < len(best[0]):
+                    best = text, max(position_residual, rotation_residual)
+    return best
+
+
+def joint_offsets(judge: Judge) -> Iterator[Convention]:
     """Yield, for each wrong forward equation, the smallest set of joint offsets with which the pose agrees."""
     for place in judge.failing():
         step = judge.step(place.equation)

@@ -1,14 +1,38 @@
-"""Compute the sideways motion of tip and outer end of a shaft, which move to opposite sides of the trocar."""
+"""Curves of a planned motion for the plots of a report: joints, tool, RCM, margins, sideways motion of the shaft.
+
+The curves of `Report.series` that need equations or mechanism are added where these are compared.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from twin.core import spatial
 from twin.core.spatial import Array
 from twin.planning.trajectory import Trajectory
 
 OUTER_POINT_DISTANCE = 0.1
 """Distance in m, along the shaft, from the trocar to the displayed outer point of the shaft."""
+
+
+def trajectory_curves(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the curves of the planned motion for the report, by their names in `Report.series`."""
+    angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
+    curves = {
+        "t": trajectory.t,
+        "qd": trajectory.qd,
+        "qdd": trajectory.qdd,
+        "p_tool": trajectory.Ts_base_tool[:, :3, 3],
+        "angles": np.unwrap(angles, axis=0),
+        "rcm_error": trajectory.rcm_error,
+        "fulcrum": sideways_motion(trajectory),
+        "limit_margin": trajectory.limit_margin.min(axis=1),
+    }
+    for name, values in trajectory.singularity.items():
+        curves[f"singularity.{name}"] = values
+    for name, values in trajectory.reach.items():
+        curves[f"reach.{name}"] = values
+    return curves
 
 
 def sideways_motion(trajectory: Trajectory) -> Array:
