@@ -440,7 +440,7 @@ def test_excluded_files_do_not_count(tmp_path, monkeypatch):
     repository(tmp_path)
     for number in range(20):
         (tmp_path / f"{number}.log").touch()
-    monkeypatch.setattr(descriptions, "_MOST", 15)
+    monkeypatch.setattr(descriptions, "_MAX_ENTRIES", 15)
     with pytest.raises(SourceError, match="more than 15 files"):
         walk(tmp_path)
     assert len(walk(tmp_path, ["*.log"]).descriptions) == 1

@@ -16,7 +16,7 @@ from twin.core.findings import Finding, Verdict
 from twin.core.json_types import JsonObject
 from twin.core.result import Line, Part, Result, TextTable
 
-_SHOWN = 5
+_SHOWN_PER_RULE = 5
 """Number of findings of one rule and one file that the text shows."""
 
 _MARKS: dict[Level, str] = {"note": "·", "warning": "▲", "error": "✖"}
@@ -152,7 +152,7 @@ class FolderCheck(Result):
             if finding.known or (finding.level == "note" and not notes):
                 continue
             key = (finding.file, finding.rule)
-            if shown_counts[key] >= _SHOWN and not notes:
+            if shown_counts[key] >= _SHOWN_PER_RULE and not notes:
                 hidden_counts[key] += 1
                 continue
             shown_counts[key] += 1

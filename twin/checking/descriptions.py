@@ -18,21 +18,21 @@ from twin.exchange.read import suffixes
 Kind = str
 """Name of the format in `twin.exchange.formats`, or "folder" for a robot folder of twin."""
 
-_SKIPPED = (".git", ".hg", ".svn", ".venv", "node_modules", "__pycache__", ".tox", "twin-out")
+_UNSEARCHED_FOLDERS = (".git", ".hg", ".svn", ".venv", "node_modules", "__pycache__", ".tox", "twin-out")
 """Names of folders that are never searched."""
 
-_HEAD = 65536
+_HEAD_SIZE = 65536
 """Number of bytes at the beginning of a file that tell its kind."""
 
-_MOST = 200_000
+_MAX_ENTRIES = 200_000
 """Maximum number of files and folders in a checked folder."""
 
-_ROOT = re.compile(rb"<(?![?!])\s*([A-Za-z_][\w.:-]*)")
+_ROOT_ELEMENT = re.compile(rb"<(?![?!])\s*([A-Za-z_][\w.:-]*)")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 # a xacro without the name of a robot holds macros for others to include
 _NAMED_ROBOT = re.compile(rb"<robot\b[^>]*\sname\s*=")
 _PACKAGE_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
-_INCLUDE = re.compile(rb"<include\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
+_INCLUDED_FILE = re.compile(rb"<include\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
 # the two angles of a row of Denavit-Hartenberg parameters, also as LaTeX or in Greek (UTF-8)
 _DH_TWIST = re.compile(rb"\balpha|\\alpha|\btwist|\xce\xb1", re.IGNORECASE)
 _DH_TURN = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
@@ -102,7 +102,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
         searched: list[str] = []
         for name in sorted(folders):
             # the final / says that the name is that of a folder
-            if name not in _SKIPPED and not excluded.match_file(f"{_relative(current / name, folder)}/"):
+            if name not in _UNSEARCHED_FOLDERS and not excluded.match_file(f"{_relative(current / name, folder)}/"):
                 searched.append(name)
                 tree.packages.setdefault(name, []).append(current / name)
         folders[:] = searched  # `os.walk` goes on into the folders that remain in this list
@@ -111,8 +111,10 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
             if not excluded.match_file(_relative(current / name, folder)):
                 included.append(name)
         count += len(searched) + len(included)
-        if count > _MOST:
-            raise SourceError(f"{folder}: more than {_MOST:,} files; check its folders one by one, or use --exclude")
+        if count > _MAX_ENTRIES:
+            raise SourceError(
+                f"{folder}: more than {_MAX_ENTRIES:,} files; check its folders one by one, or use --exclude"
+            )
         if "cad" in searched and _is_robot_folder(current):
             tree.descriptions.append(DescriptionFile(current, _relative(current, folder), "folder"))
         for name in included:
@@ -149,7 +151,7 @@ def _add_file(tree: FolderContent, path: Path, name: str) -> None:
         return
     try:
         with path.open("rb") as file:
-            head = file.read(_HEAD)
+            head = file.read(_HEAD_SIZE)
     except OSError as error:
         tree.unreadable[name] = error.strerror or str(error)
         return
@@ -159,7 +161,7 @@ def _add_file(tree: FolderContent, path: Path, name: str) -> None:
             tree.packages.setdefault(package_name[1].decode("utf-8", "replace"), []).append(path.parent)
         return
     if suffix in MJCF_SUFFIXES:
-        for target in _INCLUDE.findall(_COMMENT.sub(b"", head)):
+        for target in _INCLUDED_FILE.findall(_COMMENT.sub(b"", head)):
             tree.parts.add((path.parent / target.decode("utf-8", "replace")).resolve())
     found_kind = _kind(path, suffix, head)
     if found_kind is not None:
@@ -178,7 +180,7 @@ def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, str] | None:
             return "dh", ""
         return None
     markup = _COMMENT.sub(b"", head)
-    root = _ROOT.search(markup)
+    root = _ROOT_ELEMENT.search(markup)
     name = b"" if root is None else root[1]
     if suffix == ".xacro":
         if _NAMED_ROBOT.search(markup) is None:
@@ -212,7 +214,7 @@ def _is_robot_folder(folder: Path) -> bool:
     for file in (folder / "cad").glob("*.toml"):
         try:
             with file.open("rb") as stream:
-                head = stream.read(_HEAD)
+                head = stream.read(_HEAD_SIZE)
         except OSError:
             continue
         if b"[[joint]]" in head:
@@ -225,73 +227,3 @@ def _relative(path: Path, folder: Path) -> str:
         return path.relative_to(folder).as_posix()
     except ValueError:
         return path.as_posix()
-
-
-@dataclass(frozen=True)
-class FoundMesh:
-    """Where a mesh is: `path`, or None; `outside`: it is in a package that is not here; `similar`: other case."""
-
-    path: Path | None
-    outside: bool = False
-    similar: str = ""
-
-
-def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
-    """Return where the mesh at a path or a `package://`, `model://` or `file://` address is.
-
-    Paths are relative to the file's folder, or to a folder around it, up to the checked folder.
-    """
-    scheme, separator, path_text = address.partition("://")
-    if not separator:
-        path_text = address
-        scheme = ""
-    if scheme in ("http", "https"):
-        return FoundMesh(None, outside=True)
-    candidates: list[Path] = []
-    is_package_known = True
-    if scheme in ("package", "model"):
-        package, _, inner = path_text.lstrip("/").partition("/")
-        is_package_known = package in tree.packages or tree.folder.name == package
-        for place in tree.packages.get(package, ()):
-            candidates.append(place / inner)
-        if tree.folder.name == package:
-            candidates.append(tree.folder / inner)
-        for around in _around(beside, tree.folder):
-            candidates.append(around / path_text.lstrip("/"))
-            if around.name == package:
-                is_package_known = True
-                candidates.append(around / inner)
-    elif Path(path_text).is_absolute():
-        candidates.append(Path(path_text))
-    else:
-        for around in _around(beside, tree.folder):
-            candidates.append(around / path_text)
-    for candidate in candidates:
-        if candidate.is_file():
-            return FoundMesh(candidate)
-    for candidate in candidates:
-        similar = _other_case(candidate)
-        if similar:
-            return FoundMesh(None, similar=similar)
-    return FoundMesh(None, outside=not is_package_known)
-
-
-def _around(beside: Path, folder: Path) -> list[Path]:
-    """Return a folder in the checked folder, and those around it, up to the checked folder itself."""
-    places = [beside]
-    for parent in beside.parents:
-        if beside == folder or not parent.is_relative_to(folder):
-            break
-        places.append(parent)
-    return places
-
-
-def _other_case(path: Path) -> str:
-    """Return the name of a file that differs from a path only in upper and lower case; "" if there is none."""
-    try:
-        for beside in path.parent.iterdir():
-            if beside.name.casefold() == path.name.casefold():
-                return beside.name
-    except OSError:
-        return ""
-    return ""

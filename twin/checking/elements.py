@@ -19,7 +19,7 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
-_FLAT_PLATE = 1e-6
+_TRIANGLE_TOLERANCE = 1e-6
 """Relative tolerance of the triangle inequality: the tensor of a flat plate is at the limit."""
 
 _ZERO_MOMENT = 1e-14
@@ -28,24 +28,23 @@ _ZERO_MOMENT = 1e-14
 _DEGREE_STEP = 5.0
 """Angles in degrees are usually multiples of this; an angle in rad hardly ever is."""
 
-_NOT_LIMITED = (100.0, 500.0)
+_LIMITS_FOR_NONE = (100.0, 500.0)
 """Limits in rad that authors write for a joint without limits."""
 
 _ROUNDING = 1e-9
 """Difference in rad or m of a soft limit from a limit that is a rounding error."""
 
-_ABOVE_ZERO = -1e-300
+_LARGEST_WRONG_EFFORT = -1e-300
 """Efforts up to this are wrong; 0 is accepted."""
 
-_FULL_TURN = 6.5
+_MAX_ORIGIN_ANGLE = 6.5
 """Angle in rad from which one of an origin may be in degrees; slightly more than 2 pi."""
 
-_MANY_TURNS = 29.0
+_MAX_PLAUSIBLE_LIMIT = 29.0
 """Limit of an angle in rad from which it may be in degrees: more than four turns, and less than 30 degrees."""
 
-_MOST_DEGREES = 720.0
+_MAX_DEGREES = 720.0
 """Largest limit that is taken for degrees; larger limits mean none."""
-
 
 _ROOTS_SHOWN = 4
 """Number of root links that a message names."""
@@ -236,14 +235,14 @@ def _principal_moments(
     slack = sum(map(rounding, texts[:3])) + 2.0 * sum(map(rounding, texts[3:]))
     low, middle, high = np.linalg.eigvalsh(matrix).tolist()
     moments_text = f"principal moments {low:.4g}, {middle:.4g}, {high:.4g} kg m2"
-    if low < -_FLAT_PLATE * high:
+    if low < -_TRIANGLE_TOLERANCE * high:
         rule = "inertia/positive"
         if low >= -slack and high > 0:
             rule = "inertia/rounded"
         yield elements.finding(rule, tensor, path, subject, f"{moments_text}: the smallest must be above 0")
-    elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _FLAT_PLATE):
+    elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _TRIANGLE_TOLERANCE):
         yield elements.finding("inertia/zero", tensor, path, subject, f"{moments_text}: the smallest is 0")
-    elif high > (low + middle) * (1.0 + _FLAT_PLATE):
+    elif high > (low + middle) * (1.0 + _TRIANGLE_TOLERANCE):
         rule = "inertia/triangle"
         if high - low - middle <= slack:
             rule = "inertia/rounded"
@@ -274,7 +273,7 @@ def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
     if missing and kind != "continuous":  # readers of ROS accept a continuous joint without limits
         text = f"<limit> has no {' and no '.join(missing)}"
         yield elements.finding("limits/missing", limit, path, subject, text)
-    for key, rule, least in (("velocity", "limits/velocity", 0.0), ("effort", "limits/effort", _ABOVE_ZERO)):
+    for key, rule, least in (("velocity", "limits/velocity", 0.0), ("effort", "limits/effort", _LARGEST_WRONG_EFFORT)):
         value = number(limit.get(key))
         if value is not None and value <= least:
             yield elements.finding(rule, limit, path, subject, f"{key} {value:g} (must be above 0)")
@@ -318,9 +317,9 @@ def _limit_order(
 def _in_degrees(lower: float, upper: float) -> bool:
     """Return whether limits in rad are many turns, and look like degrees: multiples of 5 up to two turns."""
     largest = max(abs(lower), abs(upper))
-    if not _MANY_TURNS < largest <= _MOST_DEGREES:
+    if not _MAX_PLAUSIBLE_LIMIT < largest <= _MAX_DEGREES:
         return False
-    if largest in _NOT_LIMITED:
+    if largest in _LIMITS_FOR_NONE:
         return False
     return lower % _DEGREE_STEP == 0.0 and upper % _DEGREE_STEP == 0.0
 
@@ -362,7 +361,7 @@ def _origins_in_degrees(elements: Elements, element: Element, kind: str) -> Iter
     name = element.get("name", "")
     for origin in element.iter("origin"):
         for angle in map(number, (origin.get("rpy") or "").split()):
-            if angle is not None and abs(angle) > _FULL_TURN and angle % _DEGREE_STEP == 0.0:
+            if angle is not None and abs(angle) > _MAX_ORIGIN_ANGLE and angle % _DEGREE_STEP == 0.0:
                 text = f"rpy '{origin.get('rpy')}' has {angle:g} rad"
                 yield elements.finding("origin/degrees", origin, f"{kind}/{name}/origin", f"{kind} '{name}'", text)
                 break

@@ -5,16 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from twin.checking.check_finding import CheckFinding
-from twin.checking.descriptions import DescriptionFile, FolderContent, find_mesh
-from twin.checking.elements import ElementPlace, Elements, check_elements
-from twin.checking.mechanisms import check_loops, check_masses, check_zero
-from twin.checking.places import element_lines, within
+from twin.checking.descriptions import DescriptionFile
+from twin.checking.element_places import place_function, with_places
+from twin.checking.elements import Elements, check_elements
+from twin.checking.error_messages import line_in, without_path
+from twin.checking.import_findings import audit_findings, import_findings
+from twin.checking.judge_job import JudgeJob
+from twin.checking.mechanisms import check_zero
+from twin.checking.mesh_findings import missing_meshes
+from twin.checking.places import within
 from twin.core.errors import (
     BudgetError,
     CodeRefusedError,
@@ -25,14 +29,12 @@ from twin.core.errors import (
     UnsupportedError,
 )
 from twin.core.foreign.text import parse_xml
-from twin.core.identifiers import identifier
-from twin.exchange.read.imported_robot import Imported
 from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
 from twin.model.mechanism import Mechanism
 
 Status = Literal["judged", "no robot", "incomplete", "unsupported", "unjudged", "part"]
 
-_REFUSALS = {
+_REFUSAL_TEXTS = {
     "limits/order": "is not below the upper limit",
     "limits/fixed": "is not below the upper limit",
     "axis/zero": "the axis has length 0",
@@ -43,30 +45,10 @@ _REFUSALS = {
 }
 """{rule: what a reader says of its fault}: the reader then refuses the file for the reason that the rule has told."""
 
-_ABSENT = re.compile(r"was not found|is not a file of type")
-"""What the import says of a mesh that does not exist, for which another rule knows packages, or of an unread format."""
-
-_ELEMENT = re.compile(r"(joint|link|body) '[^']+'")
+_NAMED_ELEMENT = re.compile(r"(joint|link|body) '[^']+'")
 """Beginning of the error of a reader that is about an element."""
 
-_MISSING_MESH = re.compile(r"\bis missing[:;]")
-"""What the import of a MJCF says of a mesh that does not exist."""
-
-_WITHOUT_MESH = re.compile(r"because its mesh is missing")
-"""What it says of a body whose mass is that of such a mesh."""
-
-_CRASH = re.compile(r"parser crashed|exceeded its limit|waited for")
-
-_FAULT = "disagreement"
-"""Severity of the findings of an audit that are faults."""
-
-_OTHER_RULES = re.compile(
-    r"mjcf\.(control|keyframe)|stage\.|"
-    r"urdf\.(mesh|tree|duplicate_name|limits|driven)|physics\.(mass|inertia|moment|triangle)|"
-    r"\w+\.(mesh|texture)|.*not_positive|.*drive_negative|.*triangle"
-)
-"""Codes of an audit whose faults other rules find, with lines and with the packages of the folder; and those of
-conventions that files of other authors need not keep: scaled controls, key frames beyond limits, units of a stage."""
+_READER_FAILURE = re.compile(r"parser crashed|exceeded its limit|waited for")
 
 
 @dataclass(frozen=True)
@@ -87,15 +69,6 @@ class JudgedFile:
     findings: tuple[CheckFinding, ...] = ()
     robot: str = ""
     joints: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class JudgeJob:
-    """A file to judge, in its tree."""
-
-    description: DescriptionFile
-    tree: FolderContent
-    xacro: XacroSettings
 
 
 def judge(job: JudgeJob) -> JudgedFile:
@@ -138,18 +111,8 @@ def judged_stream(job: JudgeJob) -> Iterator[JudgedFile]:
 
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
     """Return the result of a file that could not be judged, with the reason."""
-    text = _without_path(description, message)
+    text = without_path(description, message)
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
-
-
-def _without_path(description: DescriptionFile, message: str) -> str:
-    """Return a message without the path of the file at its beginning; of `PATH:12: ...`, "line 12: ..." remains."""
-    path = str(description.path)
-    if message.startswith(f"{path}: "):
-        return message[len(path) + 2 :]
-    if re.match(r":\d", message.removeprefix(path)):
-        return f"line {message[len(path) + 1 :]}"
-    return message
 
 
 # -- texts: URDF, xacro, SDF ----------------------------------------------------------------------
@@ -185,13 +148,13 @@ def _judged_markup(job: JudgeJob) -> JudgedFile:
             finding = CheckFinding("file/malformed", description.name, "", "the file has no <link>: it is empty")
             return JudgedFile(description, "judged", (finding,))
         return JudgedFile(description, "no robot")
-    elements = Elements(root, tag == "sdf", _place_function(job, data, root, expanded))
+    elements = Elements(root, tag == "sdf", place_function(job, data, root, expanded))
     findings = list(check_elements(elements))
-    findings += _missing_meshes(job, elements)
+    findings += missing_meshes(job, elements)
     if not joints:
         return JudgedFile(description, "judged", tuple(findings))
     judged = _imported(job, findings)
-    return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+    return replace(judged, findings=tuple(with_places(judged.findings, elements)))
 
 
 def _expanded(job: JudgeJob) -> tuple[Expanded, XacroSettings]:
@@ -233,23 +196,6 @@ def _parts(root: Element, kind: str) -> list[Element]:
     return elements
 
 
-def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterator[CheckFinding]:
-    """Yield the findings of the import with the lines of the links and joints that they name."""
-    named: dict[str, tuple[Element, str]] = {}
-    for element in elements.root.iter():
-        name = element.get("name")
-        if name and element.tag in ("link", "joint", "body", "geom", "connect", "weld"):
-            named.setdefault(f"{element.tag} '{identifier(name)}'", (element, f"{element.tag}/{name}"))
-    for finding in findings:
-        # a MJCF calls its links bodies
-        named_element = named.get(finding.subject) or named.get(finding.subject.replace("link '", "body '"))
-        if finding.line or named_element is None:
-            yield finding
-            continue
-        file, line = elements.place(*named_element)
-        yield replace(finding, file=file, line=line)
-
-
 def _unless_part(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
     """Return the findings on a MJCF; those on a part of other files, which has no sense by itself, are told there."""
     if job.description.path not in job.tree.parts:
@@ -267,90 +213,22 @@ def _mjcf_places(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
         root = parse_xml(job.description.path, data)
     except (ElementTree.ParseError, ValueError, LookupError, BudgetError):
         return judged
-    elements = Elements(root, False, _place_function(job, data, root, None))
-    return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
+    elements = Elements(root, False, place_function(job, data, root, None))
+    return replace(judged, findings=tuple(with_places(judged.findings, elements)))
 
 
 def _refused_file(description: DescriptionFile, error: SourceError) -> JudgedFile:
     """Return the result of a file that a reader refuses: unjudged, incomplete, unsupported or malformed."""
     message = str(error)
-    if _CRASH.search(message):
+    if _READER_FAILURE.search(message):
         return _unjudged(description, message)
-    text = _without_path(description, message)
+    text = without_path(description, message)
     if isinstance(error, IncompleteError):
         return JudgedFile(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
     if isinstance(error, UnsupportedError):
         return JudgedFile(description, "unsupported", (CheckFinding("file/unsupported", description.name, "", text),))
-    finding = CheckFinding("file/malformed", description.name, "", message=text, line=_line_in(message))
+    finding = CheckFinding("file/malformed", description.name, "", message=text, line=line_in(message))
     return JudgedFile(description, "judged", (finding,))
-
-
-def _line_in(message: str) -> int:
-    """Return the line that a message names; 0 if it names none."""
-    line = re.search(r"\bline (\d+)|\.(?:xacro|urdf|sdf|xml):(\d+)", message)
-    if line is None:
-        return 0
-    return int(line[1] or line[2])
-
-
-def _place_function(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None) -> ElementPlace:
-    """Return the function that tells where an element is: in the file, or in the xacro that made it."""
-    name = job.description.name
-    lines: dict[Element, int] = {}
-    if expanded is None:
-        lines = element_lines(data, root)
-    folder = job.tree.folder.resolve()
-
-    def place(element: Element, path: str) -> tuple[str, int]:
-        if expanded is None:
-            return name, lines.get(element, 0)
-        parts = path.split("/")
-        while parts:
-            place_in_xacro = expanded.places.get("/".join(parts))
-            if place_in_xacro is not None:
-                file, line = place_in_xacro
-                return _relative(file, folder, name), line
-            parts.pop()
-        return name, 0
-
-    return place
-
-
-def _relative(file: str, folder: Path, name: str) -> str:
-    """Return a file relative to the checked folder; `name` if it is not inside."""
-    try:
-        return Path(file).resolve().relative_to(folder).as_posix()
-    except ValueError:
-        return name
-
-
-def _missing_meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
-    """Yield the meshes that do not exist; those of packages that are not in the folder as one note."""
-    path = job.description.path
-    outside: dict[str, int] = {}
-    for link in elements.root.iter("link"):
-        name = link.get("name", "")
-        for mesh in link.iter("mesh"):
-            address = mesh.get("filename")
-            if elements.sdf:
-                address = (mesh.findtext("uri") or "").strip()
-            if not address:
-                continue
-            found_mesh = find_mesh(address, path.parent, job.tree)
-            if found_mesh.path is not None:
-                continue
-            if found_mesh.outside:
-                _, _, path_in_tree = address.partition("://")
-                package, _, _ = path_in_tree.lstrip("/").partition("/")
-                outside[package] = outside.get(package, 0) + 1
-                continue
-            text = f"mesh '{address}' does not exist"
-            if found_mesh.similar:
-                text += f"; there is '{found_mesh.similar}'"
-            yield elements.finding("mesh/missing", mesh, f"link/{name}", f"link '{name}'", text)
-    for package, count in outside.items():
-        text = f"{count} meshes are in package '{package}', which is not in the folder"
-        yield CheckFinding("mesh/outside", job.description.name, f"package '{package}'", text)
 
 
 # -- the import -----------------------------------------------------------------------------------
@@ -376,9 +254,9 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> Judged
         raise
     except TwinError as error:
         return _not_imported(job, collected, error)
-    collected += _of_import(job, imported)
+    collected += import_findings(job, imported)
     if description.kind != "dh":  # no independent reader knows tables
-        collected += _of_audit(job)
+        collected += audit_findings(job)
     mechanism = imported.mechanism
     moving = _moving_joints(mechanism)
     return JudgedFile(description, status="judged", findings=tuple(collected), robot=mechanism.name, joints=moving)
@@ -398,87 +276,35 @@ def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError)
     description = job.description
     name = description.name
     message = str(error)
-    text = _without_path(description, message)
-    if _CRASH.search(text):
+    text = without_path(description, message)
+    if _READER_FAILURE.search(text):
         unjudged = _unjudged(description, message)
         return replace(unjudged, findings=(*findings, *unjudged.findings))
     if isinstance(error, NoMechanismError):
         status: Status = "judged" if findings else "no robot"
         return JudgedFile(description, status, tuple(findings))
     if isinstance(error, IncompleteError):
-        finding = CheckFinding("file/incomplete", name, "", message=text, line=_line_in(message))
+        finding = CheckFinding("file/incomplete", name, "", message=text, line=line_in(message))
         return JudgedFile(description, "incomplete", (*findings, finding))
     if isinstance(error, UnsupportedError):
-        finding = CheckFinding("file/unsupported", name, "", message=text, line=_line_in(message))
+        finding = CheckFinding("file/unsupported", name, "", message=text, line=line_in(message))
         return JudgedFile(description, "unsupported", (*findings, finding))
     if not _is_told(text, findings):
-        element = _ELEMENT.match(text)
+        element = _NAMED_ELEMENT.match(text)
         subject = "" if element is None else element[0]
-        findings.append(CheckFinding("file/malformed", name, subject, message=text, line=_line_in(message)))
+        findings.append(CheckFinding("file/malformed", name, subject, message=text, line=line_in(message)))
     return JudgedFile(description, "judged", tuple(findings))
 
 
 def _is_told(text: str, findings: Sequence[CheckFinding]) -> bool:
     """Return whether a finding tells the fault for which a reader refuses the file with a text."""
     for finding in findings:
-        refusal = _REFUSALS.get(finding.rule)
+        refusal = _REFUSAL_TEXTS.get(finding.rule)
         if refusal is None or not re.search(refusal, text):
             continue
         if finding.rule == "names/tree" or finding.subject in text or "no <link>" in text:
             return True
     return False
-
-
-def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
-    """Yield findings on inertias, meshes, loops, limits and masses of what was imported."""
-    name = job.description.name
-    missing: set[str] = set()
-    printed = bool(job.description.root)  # the rules for elements have judged its inertias and limits
-    for finding in imported.findings:
-        if finding.code == "import.inertia" and not printed and not _WITHOUT_MESH.search(finding.message):
-            rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
-            if "principal moment 0 kg" in finding.message:
-                rule = "inertia/zero"
-            yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
-        if finding.code != "import.mesh":
-            continue
-        if _MISSING_MESH.search(finding.message):  # told for each body: once is enough
-            missing.add(finding.where)
-        elif not _ABSENT.search(finding.message):
-            yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
-    for mesh in sorted(missing):
-        yield CheckFinding("mesh/missing", name, f"mesh '{mesh}'", f"mesh '{mesh}' does not exist")
-    yield from check_loops(imported, name)
-    if not printed:
-        yield from check_zero(imported.mechanism, name)
-    yield from check_masses(imported.mechanism, name)
-
-
-def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
-    """Yield the faults that an independent reader finds, except those that other rules tell."""
-    from twin.exchange.audit import audit
-    from twin.exchange.formats import audit_formats
-
-    name = job.description.name
-    path = job.description.path
-    suffixes: list[str] = []
-    for format in audit_formats():
-        for variant in format.variants:
-            suffixes.append(variant.suffix)
-    if path.suffix.lower() not in suffixes:
-        return
-    try:
-        report = audit(path, xacro=job.xacro)
-    except BudgetError:
-        raise
-    except TwinError as error:
-        text = f"the independent reader of an audit refuses the file: {_without_path(job.description, str(error))}"
-        yield CheckFinding("audit/fault", name, "", message=text, line=_line_in(str(error)))
-        return
-    for finding in report.findings:
-        if finding.severity == _FAULT and not _OTHER_RULES.match(finding.code):
-            subject = finding.where or finding.code
-            yield CheckFinding("audit/fault", name, subject, f"{finding.message} [{finding.code}]")
 
 
 def _robot_folder(job: JudgeJob) -> JudgedFile:
@@ -492,8 +318,8 @@ def _robot_folder(job: JudgeJob) -> JudgedFile:
     except (BudgetError, CodeRefusedError):
         raise
     except TwinError as error:
-        text = _without_path(description, str(error))
-        finding = CheckFinding("file/malformed", description.name, "", message=text, line=_line_in(str(error)))
+        text = without_path(description, str(error))
+        finding = CheckFinding("file/malformed", description.name, "", message=text, line=line_in(str(error)))
         return JudgedFile(description, "judged", (finding,))
     moving = _moving_joints(mechanism)
     findings = tuple(check_zero(mechanism, description.name))

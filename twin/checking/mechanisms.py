@@ -12,25 +12,25 @@ from twin.exchange.read.imported_robot import Imported
 from twin.model.body import Body
 from twin.model.mechanism import Mechanism
 
-_LEAST_SIZE = 0.01
+_SMALLEST_SHAPE = 0.01
 """Diagonal in m of the box of a link, from which its masses are compared with it; smaller shapes are markers."""
 
-_LEAST_BODY = 0.05
+_SMALLEST_WEIGHED_SHAPE = 0.05
 """Diagonal in m from which the mass is compared: authors draw cubes of 1 cm for cameras, and balls for points."""
 
-_FAR = 1.0
+_MAX_CENTRE_DISTANCE = 1.0
 """Distance of a centre of mass from the box of its link, in diagonals of the box, from which it is implausible."""
 
-_WIDE = 2.0
+_MAX_GYRATION_RADIUS = 2.0
 """Largest radius of gyration in diagonals of the box; 0.5 is the limit for a body inside the box."""
 
-_NARROW = 1e-3
+_MIN_GYRATION_RADIUS = 1e-3
 """Smallest radius of gyration in diagonals of the box; a solid cube has 0.24."""
 
-_THINNEST = 0.05
+_MIN_EDGE = 0.05
 """Smallest edge of the box that counts, in diagonals: the shape of a sheet may have no thickness."""
 
-_DENSE = 23_000.0
+_MAX_DENSITY = 23_000.0
 """Density in kg/m3 of the box of a link; that of osmium, the densest metal, is 22 590."""
 
 
@@ -62,25 +62,25 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
             continue
         low, high = box
         diagonal = float(np.linalg.norm(high - low))
-        if diagonal < _LEAST_SIZE:
+        if diagonal < _SMALLEST_SHAPE:
             continue
         subject = f"link '{body.name}'"
         centre = inertia.p_body_com
         outside = np.maximum(np.maximum(low - centre, centre - high), 0.0)
         distance = float(np.linalg.norm(outside))
-        if distance > _FAR * diagonal:
+        if distance > _MAX_CENTRE_DISTANCE * diagonal:
             text = f"{subject}: the centre of mass is {mm(distance)} outside of its shape of {mm(diagonal)}"
             yield CheckFinding("inertia/centre", file, subject, text)
         # the eigenvalues are in ascending order
         largest = float(np.linalg.eigvalsh(inertia.I_com)[-1])
         radius = float(np.sqrt(max(largest, 0.0) / inertia.mass))
-        if radius > _WIDE * diagonal or radius < _NARROW * diagonal:
+        if radius > _MAX_GYRATION_RADIUS * diagonal or radius < _MIN_GYRATION_RADIUS * diagonal:
             text = f"{subject}: the radius of gyration is {mm(radius)}, the size of its shape {mm(diagonal)}"
             yield CheckFinding("inertia/size", file, subject, text)
-        edges = np.maximum(high - low, _THINNEST * diagonal)
+        edges = np.maximum(high - low, _MIN_EDGE * diagonal)
         density = inertia.mass / float(np.prod(edges))
-        if density > _DENSE and diagonal >= _LEAST_BODY:
-            text = f"{subject}: {inertia.mass:g} kg in a box of {density:,.0f} kg/m3 (limit {_DENSE:,.0f})"
+        if density > _MAX_DENSITY and diagonal >= _SMALLEST_WEIGHED_SHAPE:
+            text = f"{subject}: {inertia.mass:g} kg in a box of {density:,.0f} kg/m3 (limit {_MAX_DENSITY:,.0f})"
             yield CheckFinding("inertia/density", file, subject, text)
 
 

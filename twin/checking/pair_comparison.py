@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.exchange.read import suffixes
 from twin.exchange.xacro import XacroSettings
 
-_SHOWN = 6
+_SHOWN_PROPERTIES = 6
 """Maximum number of properties of a pair that are told; the last finding counts the others."""
 
 
@@ -104,11 +104,11 @@ def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> I
     if pair.properties is None:  # links of loops differ
         return
     rows = [row for row in pair.properties.rows if row.stated]
-    for row in rows[:_SHOWN]:
+    for row in rows[:_SHOWN_PROPERTIES]:
         text = f"{row.kind} of '{row.where}': {row.second} here, {row.first} in {labels[0]}"
         yield CheckFinding("compare/property", file, f"{row.kind} of '{row.where}'", text)
-    if len(rows) > _SHOWN:
-        text = f"{len(rows) - _SHOWN} more limits, masses or drives differ from those in {labels[0]}"
+    if len(rows) > _SHOWN_PROPERTIES:
+        text = f"{len(rows) - _SHOWN_PROPERTIES} more limits, masses or drives differ from those in {labels[0]}"
         yield CheckFinding("compare/property", file, subject, text)
 
 
