@@ -24,7 +24,7 @@ UNITS = {
 _QUARTER_ROUNDING = 3e-4
 """Largest difference from a quarter turn in rad of a number that means one: 1.571 has three decimals."""
 
-_LONGEST = 100
+_MAX_CELL_LENGTH = 100
 """Length of the text of a cell, in characters, from which it is not read as a number."""
 
 _LARGEST_EXPONENT = 30
@@ -99,7 +99,7 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
     ast.Div: operator.truediv,
 }
 
-_CODE = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
+_PYTHON_NUMBER = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
 """Numbers of Python that no paper prints: 1_0, 0x10."""
 
 
@@ -123,7 +123,7 @@ def cell_number(text: str, may_have_coordinate: bool) -> CellNumber | None:
             expression = expression[: unit_match.start()]
     of_pi = "pi" in expression.lower()
     expression = re.sub(r"(?<=\d)\s*(?=pi)", "*", expression.strip(), flags=re.IGNORECASE)
-    if not expression or len(expression) > _LONGEST or _CODE.search(expression):
+    if not expression or len(expression) > _MAX_CELL_LENGTH or _PYTHON_NUMBER.search(expression):
         return None
     try:
         # The cell must be linear in the coordinate: three values show it, and give the constant and the factor.

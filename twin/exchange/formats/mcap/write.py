@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ _NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second."""
 
 
-def _object(title: str, **properties: Any) -> JsonObject:
+def _object(title: str, **properties: object) -> JsonObject:
     return {"title": title, "type": "object", "properties": properties}
 
 

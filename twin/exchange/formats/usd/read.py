@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,10 @@ from twin.exchange.read.imported_robot import (
     with_tool_frame,
 )
 
-_READ = (
+if TYPE_CHECKING:
+    from pxr import Usd
+
+_READ_SCHEMAS = (
     "PhysicsRigidBodyAPI",
     "PhysicsMassAPI",
     "PhysicsArticulationRootAPI",
@@ -36,7 +39,10 @@ _READ = (
 )
 """Applied API schemas that the reader reads."""
 
-_WITHOUT = ("friction", "armature", "breakforce", "breaktorque", "damping", "stiffness", "solver", "actuator")
+_UNREAD_PROPERTY_WORDS = (
+    *("friction", "armature", "breakforce", "breaktorque"),
+    *("damping", "stiffness", "solver", "actuator"),
+)
 """Words that identify unsupported joint properties; each such property has one of these words in its name."""
 
 
@@ -108,7 +114,7 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
         is_body = prim.HasAPI(UsdPhysics.RigidBodyAPI)
         for schema in map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()):
             name = schema.split(":")[0]  # the part after the colon is the instance name
-            if name in _READ:
+            if name in _READ_SCHEMAS:
                 continue
             # Couplings of our own stages are read from customData.
             if is_joint and "mimic" in name.lower() and prim.GetName() not in coupled:
@@ -137,14 +143,14 @@ def _left_out(path: Path, root: str | None, coupled: Container[str]) -> list[Fin
     return findings
 
 
-def _is_left_out(attribute: Any) -> bool:
+def _is_left_out(attribute: Usd.Attribute) -> bool:
     """Return whether an attribute of a joint is an unsupported property with a value other than zero or infinity."""
     if not attribute.HasAuthoredValue():
         return False
     name = attribute.GetName()
     if name.startswith(("drive:", "state:")):
         return False
-    if not any(word in name.lower() for word in _WITHOUT):
+    if not any(word in name.lower() for word in _UNREAD_PROPERTY_WORDS):
         return False
     return attribute.Get() not in (None, 0, 0.0, False, float("inf"))
 

@@ -171,7 +171,7 @@ def files(order: Order) -> list[tuple[str, str]]:
     """Return (file, content) for README.txt."""
     name = order.mechanism.name
     first = "at rest"
-    if order.clips:
+    if order.quick_looks:
         first = f"for AR Quick Look, playing {order.quick_looks[0]}"
     rows = [(f"{name}_ar.usdz", first)]
     for clip in order.quick_looks[1:]:

@@ -16,15 +16,15 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index
 from twin.exchange.formats.glb.audit.nodes import Node, local_matrices
 
-PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+PROPERTY_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Animated properties of a node, and the count of numbers of a value."""
 
-MODES = ("LINEAR", "STEP", "CUBICSPLINE")
+INTERPOLATIONS = ("LINEAR", "STEP", "CUBICSPLINE")
 
-_CONSTANT = 1e-6
+_VALUE_ROUNDING = 1e-6
 """Largest change of a property, in m or components of a quaternion, that counts as a rounding error."""
 
-_SCALED = 1e-4
+_SCALE_ROUNDING = 1e-4
 """Largest change of the scale of a link in a clip that counts as a rounding error."""
 
 MOST_POSES = 20_000_000
@@ -83,7 +83,7 @@ class Channel:
         """Whether the property changes, and only at the keys."""
         if self.mode != "STEP" or len(self.values) <= 2:  # with two keys, the value changes only at the end
             return False
-        return bool(np.ptp(self.values, axis=0).max() > _CONSTANT)
+        return bool(np.ptp(self.values, axis=0).max() > _VALUE_ROUNDING)
 
 
 def _hermite(start_value: Array, outgoing: Array, end_value: Array, incoming: Array, s: Array, length: Array) -> Array:
@@ -186,7 +186,7 @@ def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
         node = target.get("node")
         if path in ("weights", "pointer"):  # of morph targets, and of an extension: they move no link
             continue
-        if path not in PATHS:
+        if path not in PROPERTY_WIDTHS:
             text = f"clip '{clip}', channel {number}: the target has the path '{path}', which glTF does not define."
             file.ledger.wrong("gltf.channel", text, clip)
             continue
@@ -234,7 +234,7 @@ class _ChannelReader:
                 "duration."
             )
             ledger.wrong("gltf.minmax", text, self.label)
-        if mode not in MODES:
+        if mode not in INTERPOLATIONS:
             ledger.wrong("gltf.channel", f"clip '{self.clip}': interpolation '{mode}' is unknown.", self.label)
             return None
         if not self._has_usable_times(times, ledger):
@@ -242,11 +242,11 @@ class _ChannelReader:
         # A key of a spline is three values: incoming tangent, value, outgoing tangent.
         values_per_key = 3 if mode == "CUBICSPLINE" else 1
         expected = values_per_key * len(times)
-        if values.shape != (expected, PATHS[self.path]):
+        if values.shape != (expected, PROPERTY_WIDTHS[self.path]):
             count, width = values.shape
             text = (
                 f"clip '{self.clip}': {self.path} of '{self.label}' has {count} values of {width} numbers for "
-                f"{len(times)} keys; interpolation {mode} needs {expected} values of {PATHS[self.path]}: "
+                f"{len(times)} keys; interpolation {mode} needs {expected} values of {PROPERTY_WIDTHS[self.path]}: "
                 f"{values_per_key} for each key."
             )
             ledger.wrong("gltf.samples", text, self.label, size=Measured(float(count), float(expected)))
@@ -261,7 +261,7 @@ class _ChannelReader:
             values = values[1::3]
         if self.path == "rotation":
             check_quaternions(ledger, values, times, self.label, "gltf", mode != "STEP", takes_shorter=True)
-        if self.path == "scale" and np.ptp(values, axis=0).max() > _SCALED and self._is_link():
+        if self.path == "scale" and np.ptp(values, axis=0).max() > _SCALE_ROUNDING and self._is_link():
             text = f"clip '{self.clip}' changes the scale of link '{self.label}': links are rigid."
             ledger.wrong("gltf.scale", text, self.label)
         if self.path == "scale" and np.min(values) <= 0:

@@ -8,7 +8,7 @@ import json
 import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeGuard
 from urllib.parse import unquote
 
 import numpy as np
@@ -52,13 +52,16 @@ class _Layout:
 
 @dataclass
 class Gltf:
-    """An opened glTF file: its JSON, its buffers, and the ledger that receives its faults."""
+    """An opened glTF file: its JSON, its buffers, and the ledger that receives its faults.
+
+    The numbers of accessors are kept, so that the faults of each are reported once.
+    """
 
     path: Path
     ledger: Ledger
     json: JsonObject
     buffers: list[bytes]
-    _read: dict[int, Array] = field(default_factory=dict)
+    _numbers: dict[int, Array] = field(default_factory=dict)
 
     def items(self, name: str) -> list[JsonObject]:
         """Return the objects in a top-level array of the JSON; [] if the array is missing.
@@ -71,7 +74,7 @@ class Gltf:
             raise ReadError(f"'{name}' is not an array of objects", "gltf.json")
         return value
 
-    def item(self, name: str, index: Any) -> JsonObject:
+    def item(self, name: str, index: object) -> JsonObject:
         """Return the object at position `index` of the top-level array `name`.
 
         Raises:
@@ -82,25 +85,26 @@ class Gltf:
             raise ReadError(f"{name}[{index}] does not exist; '{name}' has {len(values)} entries", "gltf.reference")
         return values[index]
 
-    def accessor(self, index: Any) -> Array:
+    def accessor(self, index: object) -> Array:
         """Return the numbers of an accessor as float64 (count, width); normalised integers are converted to fractions.
 
         Raises:
             ReadError: the accessor exceeds its buffer, or has an unknown type.
         """
         spec = self.item("accessors", index)
-        if index not in self._read:
-            self._read[index] = self._accessor(index, spec)
-        return self._read[index]
+        assert isinstance(index, int)  # `item` has refused others
+        if index not in self._numbers:
+            self._numbers[index] = self._read_accessor(index, spec)
+        return self._numbers[index]
 
-    def _accessor(self, index: int, spec: JsonObject) -> Array:
+    def _read_accessor(self, index: int, spec: JsonObject) -> Array:
         name = f"accessor {index}"
         kind = _DTYPES.get(spec.get("componentType", 0))
         width = _WIDTHS.get(spec.get("type", ""))
         if kind is None or width is None:
             text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not supported"
             raise ReadError(text, "gltf.accessor")
-        count = natural(spec, "count", name, 0)
+        count = whole_number(spec, "count", name, 0)
         if count * width > MOST_NUMBERS:
             text = f"{name} has {count} elements of {width} numbers; the maximum is {MOST_NUMBERS} numbers"
             raise ReadError(text, "gltf.bounds")
@@ -122,23 +126,23 @@ class Gltf:
         """Return the elements (count, width) that start at `byteOffset` of the buffer view of `spec`."""
         name = layout.name
         index = spec["bufferView"]
-        offset = natural(spec, "byteOffset", name, 0)
+        offset = whole_number(spec, "byteOffset", name, 0)
         view = self.item("bufferViews", index)
         label = f"bufferView {index}"
         if "extensions" in view:
             extensions = ", ".join(view["extensions"])
             text = f"{label} is compressed by {extensions}, which the audit does not support"
             raise ReadError(text, "gltf.extension")
-        start = natural(view, "byteOffset", label, 0)
-        length = natural(view, "byteLength", label)
-        buffer = natural(view, "buffer", label)
+        start = whole_number(view, "byteOffset", label, 0)
+        length = whole_number(view, "byteLength", label)
+        buffer = whole_number(view, "buffer", label)
         self.item("buffers", buffer)
         data = self.buffers[buffer]
         if start + length > len(data):
             raise ReadError(f"{label} ends at byte {start + length} of a buffer of {len(data)} bytes", "gltf.bounds")
         number_size = layout.dtype.itemsize
         size = number_size * layout.width
-        stride = natural(view, "byteStride", label, 0) or size  # without a stride, elements follow each other
+        stride = whole_number(view, "byteStride", label, 0) or size  # without a stride, elements follow each other
         if stride < size:
             text = f"{label} has byteStride {stride}, but an element of {name} has {size} bytes"
             raise ReadError(text, "gltf.bounds")
@@ -152,10 +156,10 @@ class Gltf:
         shape = (layout.count, layout.width)
         return np.ndarray(shape, layout.dtype, data, start + offset, (stride, number_size))
 
-    def _sparse(self, sparse: Any, stored: Array, layout: _Layout) -> Array:
+    def _sparse(self, sparse: JsonObject, stored: Array, layout: _Layout) -> Array:
         """Return the elements of an accessor with those that its entry `sparse` replaces."""
         name = layout.name
-        count = natural(sparse, "count", name)
+        count = whole_number(sparse, "count", name)
         if count > layout.count:
             text = f"{name}: {count} sparse elements, but the accessor has {layout.count}"
             raise ReadError(text, "gltf.bounds")
@@ -198,13 +202,13 @@ class Gltf:
                 self.ledger.wrong("gltf.minmax", text, name, size=size, suggestion=advice)
 
 
-def is_index(value: Any, count: int) -> bool:
+def is_index(value: object, count: int) -> TypeGuard[int]:
     """Return whether a value in JSON is an index of an array with `count` entries."""
     # In Python, True is an int.
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < count
 
 
-def natural(spec: Any, key: str, name: str, default: int | None = None) -> int:
+def whole_number(spec: object, key: str, name: str, default: int | None = None) -> int:
     """Return the entry `key` of a JSON object as a whole number >= 0; the default if the entry is missing.
 
     Raises:
@@ -275,7 +279,7 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
 
 def _buffer(path: Path, index: int, spec: JsonObject, binary: bytes | None) -> bytes:
     name = f"buffer {index}"
-    length = natural(spec, "byteLength", name)
+    length = whole_number(spec, "byteLength", name)
     uri = spec.get("uri")
     if uri is None:
         # Only the first buffer can be the binary chunk of a GLB.

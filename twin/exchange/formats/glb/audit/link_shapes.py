@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -181,7 +180,7 @@ def _checked_triangles(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, 
     return vertices, triangles
 
 
-def _triangles(indices: Array, mode: Any) -> Array:
+def _triangles(indices: Array, mode: object) -> Array:
     """Return the triangles (m, 3) of a primitive with corners (n,)."""
     if mode == _TRIANGLES:
         usable = len(indices) // 3 * 3

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from twin.exchange.audit import poses
@@ -20,7 +18,7 @@ def check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger)
     """Report links, frames and shapes outside of the scene that viewers show; `order` has parents before children."""
     scenes = file.items("scenes")
     number = file.json.get("scene", 0)
-    roots: Any = []
+    roots: object = []
     if isinstance(number, int) and 0 <= number < len(scenes):
         roots = scenes[number].get("nodes", [])
     inside: set[int] = set()

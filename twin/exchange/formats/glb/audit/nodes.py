@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -144,7 +143,7 @@ def _extras(spec: JsonObject) -> JsonObject:
     return extras if isinstance(extras, dict) else {}
 
 
-def numbers(value: Any, count: int, name: str) -> Array:
+def numbers(value: object, count: int, name: str) -> Array:
     """Return a JSON list of n finite numbers as an array (n,).
 
     Raises:

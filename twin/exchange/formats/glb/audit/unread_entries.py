@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
@@ -56,7 +55,7 @@ def check_unread_entries(document: JsonObject, ledger: Ledger) -> None:
         ledger.add("gltf.feature", "info", f"not read and not compared: {names}.")
 
 
-def _unread(kind: str, value: Any, where: str) -> Iterator[tuple[str, str, str]]:
+def _unread(kind: str, value: object, where: str) -> Iterator[tuple[str, str, str]]:
     """Yield (kind of the object, entry, name of the object) of all entries that the audit does not read."""
     if isinstance(value, list):
         for entry in value:

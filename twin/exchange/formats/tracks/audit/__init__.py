@@ -5,14 +5,11 @@ A track contains these mechanism data: joints with one coordinate and their limi
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,13 +25,13 @@ from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.formats.tracks.audit.csv_table import SCHEMA, csv_data, is_track, names_in
+from twin.exchange.formats.tracks.audit.limits import check_joint_limits
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers, report_not_finite
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema
 
-SCHEMA = "twin-track"
-
-WORDS = {
+_CONVENTIONS = {
     "frame": "z-up right-handed",
     "length_unit": "m",
     "angle_unit": "rad",
@@ -47,16 +44,8 @@ _FRAME = re.compile(r"(?P<axis>[xyz])-up (?P<hand>left|right)-handed")
 _TIME_ROUNDING = 1e-6
 """Difference in s of times of phases and keys that is only rounding: they may be rounded differently."""
 
-LIMIT_TOL = 1e-6
-"""Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""
-
 NO_LIMIT = 1e29
 """Value in m or rad from which a limit means "no limit", because JSON has no infinity."""
-
-
-def is_track(data: Any) -> bool:
-    """Return whether parsed JSON is a track."""
-    return isinstance(data, dict) and data.get("schema") == SCHEMA
 
 
 def read_json(path: Path, ledger: Ledger) -> Content:
@@ -75,117 +64,17 @@ def read_json(path: Path, ledger: Ledger) -> Content:
 
 
 def read_csv(path: Path, ledger: Ledger) -> Content:
-    """Return the content of a CSV track: lines `# name: value`, a header with units, and one line for each key.
+    """Return the content of a CSV track, and report its faults.
 
     Raises:
         ReadError: the header or all lines are missing, or a number is invalid.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except UnicodeDecodeError as error:
-        raise ReadError("the file is not text") from error
-    data: JsonObject = {}
-    line_count = len(lines)
-    while lines and lines[0].startswith("#"):
-        key, colon, value = lines.pop(0).lstrip("# ").partition(":")
-        if colon:
-            data[key.strip()] = _header_value(value.strip())
-    lines_of_head = line_count - len(lines)
-    rows = list(csv.reader(io.StringIO("\n".join(lines))))
-    if not is_track(data) or len(rows) < 2:
-        raise ReadError(
-            f"the file lacks the line '# schema: {SCHEMA}', the line with the column names, or the lines of numbers"
-        )
-    header, *body = rows
-    try:
-        numbers = np.array(body, float)
-    except ValueError as error:
-        raise ReadError(_fault_of_lines(path.name, header, body, lines_of_head + 1)) from error
-    if numbers.shape[1] != len(header):
-        raise ReadError(_fault_of_lines(path.name, header, body, lines_of_head + 1))
-    if header[0] != "time_s":
-        raise ReadError(f"the first column is '{header[0]}', but must be time_s")
-    links = _names(data, "links")
-    joints = _names(data, "joints")
-    kinds = _names(data, "joint_types")
-    _check_columns(header, _columns(links, joints, kinds), ledger)
-    joints_end = 1 + len(joints)
-    data["times"] = numbers[:, 0]
-    data["positions"] = numbers[:, 1:joints_end].ravel()
-    data["poses"] = numbers[:, joints_end:].ravel()
-    return _content(data, "csv", ledger)
-
-
-def _fault_of_lines(file: str, header: list[str], body: list[list[str]], header_line: int) -> str:
-    """Return the fault of the first line of numbers in `body` that is no line of numbers for the columns `header`.
-
-    `header_line` is the number of the line with the column names in the file, counted from 1.
-    """
-    if any(";" in column for column in header):
-        return (
-            f"{file}, line {header_line}: semicolons separate the columns, as a spreadsheet of a language with decimal "
-            "commas saves them. Save the table with commas between the columns and decimal points"
-        )
-    for number, row in enumerate(body, header_line + 1):
-        if len(row) != len(header):
-            text = f"{file}, line {number} has {len(row)} entries, expected {len(header)}"
-            if len(row) > len(header):
-                text += "; a number with a decimal comma counts as two: write decimal points"
-            return text
-        for column, entry in zip(header, row, strict=True):
-            try:
-                float(entry)
-            except ValueError:
-                return (
-                    f"{file}, line {number}: '{entry[:40]}' in column '{column}' is not a number; write decimal points"
-                )
-    return f"{file}: the lines below line {header_line} are no numbers"
-
-
-def _columns(links: list[str], joints: list[str], kinds: list[str]) -> list[str]:
-    """Return the names of the columns of a CSV track with these links and joints."""
-    columns = ["time_s"]
-    # Not strict: where types are missing, the columns do not match, which is reported with their names.
-    for joint, kind in zip(joints, kinds, strict=False):
-        unit = "rad" if kind == "revolute" else "m"
-        columns.append(f"{joint}_{unit}")
-    for link in links:
-        for component in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"):
-            columns.append(f"{link}_{component}")
-    return columns
-
-
-def _check_columns(header: list[str], expected: list[str], ledger: Ledger) -> None:
-    """Report a line of column names that does not match links and joints.
-
-    Raises:
-        ReadError: the count of columns is wrong.
-    """
-    if header == expected:
-        return
-    difference = ""
-    for name, expected_name in zip(header, expected, strict=False):  # their counts are compared below
-        if name != expected_name:
-            difference = f"'{name}' instead of '{expected_name}'"
-            break
-    count_difference = f"{len(header)} columns instead of {len(expected)}"
-    text = f"columns do not match links and joints: found {difference or count_difference}."
-    ledger.wrong("tracks.columns", text, difference)
-    if len(header) != len(expected):
-        raise ReadError(text)
-
-
-def _header_value(value: str) -> Any:
-    """Return the value in a line `# name: value`: JSON, or a text, which stands there without quotes."""
-    try:
-        return json.loads(value)
-    except ValueError:
-        return value
+    return _content(csv_data(path, ledger), "csv", ledger)
 
 
 def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
-    links = _names(data, "links")
-    joints = _names(data, "joints")
+    links = names_in(data, "links")
+    joints = names_in(data, "joints")
     name = str(data.get("protocol", ""))
     content = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     units = data.get("length_unit", "?")
@@ -197,13 +86,13 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     for key in ("poses", "positions", "times"):
         short_entries.pop(key, None)
     content.extra["data"] = short_entries
-    _check_words(data, ledger)
+    _check_conventions(data, ledger)
     _check_moved_frame(data, ledger)
     _check_duplicates("links", links, ledger)
     _check_duplicates("joints", joints, ledger)
     times = _numbers(data, "times", ledger)
-    seven = _reshaped(data, "poses", (len(times), len(links), 7), ledger)
-    positions = _reshaped(data, "positions", (len(times), len(joints)), ledger)
+    seven = _shaped_numbers(data, "poses", (len(times), len(links), 7), ledger)
+    positions = _shaped_numbers(data, "positions", (len(times), len(joints)), ledger)
     frames = data.get("frames", len(times))
     if frames != len(times):
         text = f"entry 'frames' is {frames}, but 'times' has {len(times)} entries."
@@ -227,7 +116,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     content.clips.append(clip)
     lower = _numbers(data, "joint_lower", ledger)
     upper = _numbers(data, "joint_upper", ledger)
-    _check_limits(data, joints, lower, upper, clip, ledger)
+    check_joint_limits(data, joints, lower, upper, clip, ledger)
     content.extra["lower"] = dict(zip(joints, lower.tolist(), strict=False))
     content.extra["upper"] = dict(zip(joints, upper.tolist(), strict=False))
     check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
@@ -269,20 +158,13 @@ def _check_duplicates(key: str, names: list[str], ledger: Ledger) -> None:
         ledger.wrong("tracks.duplicate_name", f"{key} contains '{first}' more than once.", first)
 
 
-def _check_words(data: JsonObject, ledger: Ledger) -> None:
+def _check_conventions(data: JsonObject, ledger: Ledger) -> None:
     if data.get("version") != 1:
         ledger.wrong("tracks.version", f"version is {data.get('version')!r}, but must be 1.", "version")
-    for key, value in WORDS.items():
+    for key, value in _CONVENTIONS.items():
         if data.get(key) != value:
             text = f"{key} is {data.get(key)!r}; version 1 of the schema allows only '{value}', which players require."
             ledger.wrong("tracks.convention", text, key, suggestion=f"convert the numbers and write '{value}'")
-
-
-def _names(data: JsonObject, key: str) -> list[str]:
-    value = data.get(key)
-    if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-        raise ReadError(f"'{key}' is not a list of strings")
-    return value
 
 
 def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
@@ -292,7 +174,7 @@ def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
     return numbers
 
 
-def _reshaped(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
+def _shaped_numbers(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
     """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
     count = math.prod(shape)
@@ -330,62 +212,6 @@ def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
             )
         if fault:
             ledger.wrong("tracks.phases", f"phase '{name}' {fault}.", str(name), when=f"t = {start[number]:.4g} s")
-
-
-def _check_limits(data: JsonObject, joints: list[str], low: Array, high: Array, clip: FileClip, ledger: Ledger) -> None:
-    """Report joints beyond their limits `low` and `high` (joints,) in m or rad, and lists of a wrong length."""
-    kinds = data.get("joint_types", [])
-    for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
-        if len(value) != len(joints):
-            text = f"{key} has {len(value)} entries for {len(joints)} joints."
-            ledger.wrong("tracks.shape", text, key)
-            return
-    worst = 0.0
-    where = ""
-    when = ""
-    for number, joint in enumerate(joints):
-        q = clip.joints.get(joint)
-        if q is None:  # the list of positions has a wrong length, which has been reported
-            continue
-        if not low[number] <= high[number]:
-            text = f"joint '{joint}': lower limit {low[number]:g} is above upper limit {high[number]:g}."
-            ledger.wrong("tracks.limits", text, joint, suggestion="exchange the limits")
-            continue
-        violations = np.maximum(np.maximum(low[number] - q, q - high[number]), 0)
-        worst_key = int(np.argmax(violations))
-        violation = float(violations[worst_key])
-        moment = f"t = {clip.times[worst_key]:.4g} s"
-        if violation > worst:
-            worst = violation
-            where = joint
-            when = moment
-        if violation > LIMIT_TOL:
-            _report_violation(
-                joint, kinds[number] == "revolute", q, (low[number], high[number]), worst_key, moment, ledger
-            )
-    ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
-
-
-def _report_violation(
-    joint: str, is_angle: bool, q: Array, limits: tuple[float, float], key: int, moment: str, ledger: Ledger
-) -> None:
-    """Report that the values q (n,) of a joint in rad or m exceed its limits, most at key k."""
-    low, high = limits
-    violation = float(max(low - q[key], q[key] - high))
-    scale = 1e3
-    unit = "mm"
-    hint = ""
-    if is_angle:
-        scale = 180 / np.pi
-        unit = "deg"
-        radians = np.radians(q)
-        # The most frequent mistake: the whole motion fits if its numbers are degrees.
-        if np.all((radians >= low) & (radians <= high)):
-            hint = "; as a value in degrees, it would be within the limits"
-    text = f"joint '{joint}' is at {q[key] * scale:.5g} {unit}, {violation * scale:.4g} {unit} beyond its limits{hint}."
-    size = Measured(violation * scale, LIMIT_TOL * scale, unit)
-    advice = "write angles in radians and lengths in metres"
-    ledger.wrong("tracks.limits", text, joint, size=size, when=moment, suggestion=advice)
 
 
 def _mechanism(data: JsonObject, links: list[str], joints: list[str], ledger: Ledger) -> FileMechanism:

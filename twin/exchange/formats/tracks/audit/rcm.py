@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,10 +19,10 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, report_not_finite
 
-SHAFT = 5e-3
+_ENFORCED_DISTANCE = 5e-3
 """Distance in m from the shaft axis up to which an RCM counts as enforced, if the file does not state its mode."""
 
-BESIDE = 1e-4
+_CENTER_TOL = 1e-4
 """Maximum distance in m between a stated RCM and the point in which all shaft axes meet."""
 
 _TIME_ROUNDING = 1e-9
@@ -32,8 +31,11 @@ _TIME_ROUNDING = 1e-9
 _UNIT_ROUNDING = 1e-6
 """Difference from 1 of the length of a unit vector that is only rounding: tracks have seven decimals."""
 
-SPREAD = 1e-4
+_MIN_SPREAD = 1e-4
 """Minimum mean squared sine of the angles between lines and their mean direction for which a centre is computed."""
+
+_DEFAULT_SHAFT_AXIS = [0.0, 0.0, 1.0]
+"""Shaft axis in the frames of the tool link, unless the track states that of its moved frame."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
         if _reports_other_center(rcm_phase, missed, centers, moment, ledger) or rcm_phase.enforced is False:
             continue
         # Tracks of earlier versions do not state the mode: so far from the shaft, an RCM can only have been monitored.
-        if missed > SHAFT and rcm_phase.enforced is None:
+        if missed > _ENFORCED_DISTANCE and rcm_phase.enforced is None:
             text = (
                 f"phase '{rcm_phase.name}': the shaft (axis of '{frame}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored."
@@ -119,14 +121,14 @@ def _reports_other_center(
         if not _axis_passes(rcm_phase, center):
             continue
         distance = float(np.linalg.norm(center - rcm_phase.point))
-        if not (distance > BESIDE and missed > POSITION_TOL):
+        if not (distance > _CENTER_TOL and missed > POSITION_TOL):
             return False
         coordinates = ", ".join(map("{:.5g}".format, center))
         text = (
             f"phase '{rcm_phase.name}': the shaft rotates about ({coordinates}) m, "
             f"{quantity(distance, 'm')} from the stated RCM."
         )
-        ledger.wrong("tracks.rcm", text, rcm_phase.name, size=um(distance, BESIDE), when=moment)
+        ledger.wrong("tracks.rcm", text, rcm_phase.name, size=um(distance, _CENTER_TOL), when=moment)
         return True
     return False
 
@@ -157,8 +159,8 @@ def _rcm_phases(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) 
         text = f"phase_rcm_enforced is not a list with an entry for each of the {len(has_rcm)} phases."
         ledger.wrong("tracks.shape", text, "phase_rcm_enforced")
         return None
-    shaft_axis = data.get("shaft_axis", _Z)  # tracks of earlier versions lack this entry
-    if not _is_unit(shaft_axis):
+    shaft_axis = data.get("shaft_axis", _DEFAULT_SHAFT_AXIS)  # tracks of earlier versions lack this entry
+    if not _is_unit_vector(shaft_axis):
         text = f"shaft_axis is {shaft_axis!r}, not a unit vector of three numbers."
         ledger.wrong("tracks.shape", text, "shaft_axis")
         return None
@@ -173,7 +175,7 @@ def _rcm_phases(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) 
         for name, link, seven in zip(names, links, local.reshape(-1, 7), strict=True):
             if link == tool and link in clip.links and inside.any():
                 T = clip.links[link][inside] @ poses.from_seven(seven)
-                axis = shaft_axis if name == moved_frame else _Z
+                axis = shaft_axis if name == moved_frame else _DEFAULT_SHAFT_AXIS
                 lines[str(name)] = (T[:, :3, 3], T[:, :3, :3] @ axis)
         if lines:
             is_enforced = None if enforced is None else bool(enforced[phase])
@@ -188,11 +190,7 @@ def _rcm_phases(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) 
     return rcm_phases
 
 
-_Z = [0.0, 0.0, 1.0]
-"""Shaft axis in the frames of the tool link, unless the track states that of its moved frame."""
-
-
-def _is_unit(value: Any) -> bool:
+def _is_unit_vector(value: object) -> bool:
     if not isinstance(value, list) or len(value) != 3:
         return False
     if not all(isinstance(component, int | float) for component in value):
@@ -207,7 +205,7 @@ def _axes_intersection(rcm_phase: _RcmPhase) -> Array | None:
         projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
         A = projectors.mean(axis=0)
         b = np.einsum("kij,kj->i", projectors, points) / len(points)
-        if np.linalg.eigvalsh(A)[0] < SPREAD:
+        if np.linalg.eigvalsh(A)[0] < _MIN_SPREAD:
             continue
         center = np.linalg.solve(A, b)
         if np.linalg.norm(np.cross(directions, center - points), axis=1).max() < POSITION_TOL:

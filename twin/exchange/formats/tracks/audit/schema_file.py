@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from twin.exchange.audit.report import Ledger
 from twin.schema import json_schema
@@ -37,7 +36,7 @@ def check_schema(folder: Path, ledger: Ledger) -> None:
         ledger.wrong("tracks.schema", f"{text}.", NAME, suggestion="export the tracks again")
 
 
-def _differences(place: str, stated: Any, expected: Any) -> Iterator[str]:
+def _differences(place: str, stated: object, expected: object) -> Iterator[str]:
     """Yield texts on the entries in which JSON data `stated` differ from `expected`."""
     if isinstance(stated, dict) and isinstance(expected, dict):
         for key in dict.fromkeys((*expected, *stated)):

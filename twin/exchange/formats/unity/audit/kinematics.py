@@ -31,30 +31,30 @@ ROBOTS = "Runtime/Robots"
 
 _TABLE = re.compile(r"private static readonly \w+(?:\[\])? (?P<name>\w+) =\s*(?P<value>\{.*?\}|\"[^\"]*\");", re.DOTALL)
 _ENTRY = re.compile(r'"(?:[^"\\]|\\.)*"|[^,{}()\s]+')
-_MEMBER = re.compile(r"^ {8}(?:public|private)\b[^=]*?(?P<name>\w+)\([^()]*\)$")
+_METHOD_LINE = re.compile(r"^ {8}(?:public|private)\b[^=]*?(?P<name>\w+)\([^()]*\)$")
 _HASH = re.compile(r"^// {3}(?P<hash>[0-9a-f]{16}) (?P<name>\w+(?: \d+)?)$", re.MULTILINE)
 _TABLE_HASH = re.compile(r"^// {3}(?P<hash>[0-9a-f]{16}) table (?P<name>\w+)$", re.MULTILINE)
-_DECLARED = re.compile(
+_TABLE_DECLARATION = re.compile(
     r"^ {8}private (?:const|static readonly) \S+ (?P<name>\w+) =.*?(?=\n {8}private |\n\n|\Z)", re.MULTILINE | re.DOTALL
 )
 _MODEL = re.compile(r"\((sha256:[0-9a-f]{64})\)")
 _ROBOT = re.compile(r'public string Robot \{ get \{ return "([^"]*)"; \} \}')
 _NAMESPACE = re.compile(r"^namespace (?P<name>[\w.]+)", re.MULTILINE)
-_OF_CLASSES = "Twin.Robots"
+_CLASS_NAMESPACE = "Twin.Robots"
 """Namespace of the classes, which the samples of the package name in full."""
 
-_CODE = "using System;"
+_FIRST_CODE_LINE = "using System;"
 """First line of the code, behind the comments at the start."""
 
 _TABLES = "tables"
 """Name of the part before the first method."""
 
-_SINGLE = ("revolute", "prismatic")
+_ONE_COORDINATE = ("revolute", "prismatic")
 
-_SIGNS = {"minimum": 1.0, "maximum": -1.0}
+_BOUND_SIGNS = {"minimum": 1.0, "maximum": -1.0}
 """Kinds of bounds of single joints: a bound is that this factor times the joint value is at least a number."""
 
-_SAME = 1e-9
+_EQUAL_ROUNDING = 1e-9
 """Largest difference in m or rad of equal numbers in two tables, which have all digits."""
 
 
@@ -130,7 +130,7 @@ def _changed_tables(text: str, part: str) -> str:
     if not stated:  # a class of an earlier version
         return ""
     present: dict[str, str] = {}
-    for match in _DECLARED.finditer(part):
+    for match in _TABLE_DECLARATION.finditer(part):
         present[match["name"]] = _hash(match[0])
     changed = [name for name in {*stated, *present} if stated.get(name) != present.get(name)]
     if not changed:
@@ -140,14 +140,14 @@ def _changed_tables(text: str, part: str) -> str:
 
 def _check_namespace(name: str, text: str, ledger: Ledger) -> None:
     """Report a class in another namespace than that by which the scripts of the package find it."""
-    _, _, code = text.partition(_CODE)
+    _, _, code = text.partition(_FIRST_CODE_LINE)
     found = _NAMESPACE.search(code)
     stated = found["name"] if found else "none"
-    if stated != _OF_CLASSES:
+    if stated != _CLASS_NAMESPACE:
         message = (
-            f"the class in {name} has the namespace {stated}; scripts of the package look for it in {_OF_CLASSES}."
+            f"the class in {name} has the namespace {stated}; scripts of the package look for it in {_CLASS_NAMESPACE}."
         )
-        ledger.wrong("unity.kinematics", message, name, suggestion=f"write namespace {_OF_CLASSES}")
+        ledger.wrong("unity.kinematics", message, name, suggestion=f"write namespace {_CLASS_NAMESPACE}")
 
 
 def _hash(text: str) -> str:
@@ -161,9 +161,9 @@ def _parts(text: str) -> dict[str, str]:
     """
     parts: dict[str, list[str]] = {}
     current = parts.setdefault(_TABLES, [])
-    _, _, code = text.partition(_CODE)
+    _, _, code = text.partition(_FIRST_CODE_LINE)
     for line in code.split("\n"):
-        match = _MEMBER.match(line)
+        match = _METHOD_LINE.match(line)
         if match is not None:
             name = match["name"]
             if name in parts:
@@ -250,7 +250,7 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
         # At zero coordinates, the joint's frames on both links coincide.
         T_parent_child = T_parent_joint @ poses.inverse(_pose(frames[number, 1]))
         drive = FileDrive()
-        if kinds[number] in _SINGLE:
+        if kinds[number] in _ONE_COORDINATE:
             low, high = limits[number].tolist()
             drive = FileDrive((low, high), active[number] >= 0 and driven[active[number]] == name)
         motions = motion_lines(kinds[number], T_parent_joint)
@@ -320,18 +320,18 @@ def _check_bounds(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
     names = _words(tables["boundNames"])
     for number, kind in enumerate(_words(tables["boundKinds"])):
         name = names[number]
-        if kind in _SIGNS and name in joints:
+        if kind in _BOUND_SIGNS and name in joints:
             expected = np.zeros(len(joints))
-            expected[joints.index(name)] = _SIGNS[kind]
+            expected[joints.index(name)] = _BOUND_SIGNS[kind]
             side = 0 if kind == "minimum" else 1
-            limit = _SIGNS[kind] * by_joint[name][side]
-            if not (np.allclose(weights[number], expected) and abs(lower_bounds[number] - limit) <= _SAME):
+            limit = _BOUND_SIGNS[kind] * by_joint[name][side]
+            if not (np.allclose(weights[number], expected) and abs(lower_bounds[number] - limit) <= _EQUAL_ROUNDING):
                 text = f"the {kind} by which the class judges joint '{name}' is not the limit in its table of limits."
                 ledger.wrong("unity.kinematics", text, f"joint '{name}'")
     for table in ("homeJoints", "restJoints"):
         deficits = lower_bounds - weights @ _numbers(tables[table])
         worst_bound = int(np.argmax(deficits)) if len(deficits) else 0
-        if len(deficits) and deficits[worst_bound] > _SAME:
+        if len(deficits) and deficits[worst_bound] > _EQUAL_ROUNDING:
             text = f"{table}: bound '{names[worst_bound]}' is exceeded by {deficits[worst_bound]:.4g} m or rad."
             ledger.wrong("unity.kinematics", text, table)
 
@@ -354,7 +354,7 @@ def _check_distances(tables: Mapping[str, list[str]], links: tuple[str, ...], le
             text = f"the class states the distance '{title}', but has no such link or joints."
         else:
             distance = float(np.linalg.norm(points[1] - points[0]))
-            if abs(distance - stated) <= _SAME:
+            if abs(distance - stated) <= _EQUAL_ROUNDING:
                 continue
             text = f"the class states {stated:.6g} m for the distance '{title}'; by its frames it is {distance:.6g} m."
         ledger.wrong("unity.kinematics", text, title)

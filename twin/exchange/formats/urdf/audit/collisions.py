@@ -7,7 +7,7 @@ file are compared, and what differs is only a fault if most of them are equal; o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -18,17 +18,17 @@ from twin.core import format
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 
-_VISUAL = "_visual"
+_VISUAL_ENDING = "_visual"
 
-_COLLISION = "_collision"
+_COLLISION_ENDING = "_collision"
 
-_EXPORTED = "meshes/{}.obj"
+_EXPORTED_FILE = "meshes/{}.obj"
 """File of an exported mesh, by its name."""
 
-_UNNAMED = "\0"
+_UNNAMED_KEY = "\0"
 """Beginning of the keys of meshes without a name of this kind, which no name of XML has."""
 
-_SAME = 1e-9
+_EQUAL_ROUNDING = 1e-9
 """Difference of scales, and of poses in m and components of unit vectors, that is only rounding."""
 
 
@@ -45,15 +45,15 @@ class _PlacedMesh:
         texts = []
         if self.file != other.file:
             texts.append(f"file '{other.file}' instead of '{self.file}'")
-        if np.abs(self.scale - other.scale).max() > _SAME * np.abs(self.scale).max():
+        if np.abs(self.scale - other.scale).max() > _EQUAL_ROUNDING * np.abs(self.scale).max():
             texts.append(f"scale {_text(other.scale)} instead of {_text(self.scale)}")
-        if np.abs(self.T - other.T).max() > _SAME:
+        if np.abs(self.T - other.T).max() > _EQUAL_ROUNDING:
             shift = float(np.linalg.norm(self.T[:3, 3] - other.T[:3, 3]))
             turn = float(np.abs(self.T[:3, :3] - other.T[:3, :3]).max())
             place = "another place"
-            if shift > _SAME:
+            if shift > _EQUAL_ROUNDING:
                 place += f" ({1e3 * shift:.4g} mm)"
-            if turn > _SAME:
+            if turn > _EQUAL_ROUNDING:
                 place += ", turned"
             texts.append(place)
         return texts
@@ -80,35 +80,19 @@ def check_collisions(
     faults: list[tuple[str, str]] = []
     for link in root.findall("link"):
         owner = link.get("name", "")
-        collisions = _meshes(link, "collision", _COLLISION, placed)
-        visuals = _meshes(link, "visual", _VISUAL, placed)
+        collisions = _meshes(link, "collision", _COLLISION_ENDING, placed)
+        visuals = _meshes(link, "visual", _VISUAL_ENDING, placed)
         for mesh in collisions.values():
             if mesh.file not in missing and resolve(mesh.file) is None:
                 missing.add(mesh.file)
                 ledger.wrong("urdf.mesh", f"collision mesh file '{mesh.file}' does not exist.", mesh.file)
-        for name, visual in visuals.items():
-            if visual.file != _EXPORTED.format(name):
-                continue
-            collision = collisions.get(name)
-            if collision is None:
-                text = f"link '{owner}' has the visual mesh '{name}{_VISUAL}', but no '{name}{_COLLISION}'."
-                faults.append((owner, text))
-                continue
-            differences = visual.differences(collision)
-            if not differences:
-                equal += 1
-                continue
-            text = f"link '{owner}': '{name}{_COLLISION}' differs from '{name}{_VISUAL}': {', '.join(differences)}."
-            faults.append((owner, text))
-        for name, collision in collisions.items():
-            if name.startswith(_UNNAMED):
-                text = f"link '{owner}' collides by {collision.file}, which is none of its '…{_COLLISION}'."
-                faults.append((owner, text))
-            elif name not in visuals and collision.file == _EXPORTED.format(name):
-                text = f"link '{owner}' has the collision mesh '{name}{_COLLISION}', but no '{name}{_VISUAL}'."
-                faults.append((owner, text))
+        equal_of_link, texts = _differences(visuals, collisions)
+        equal += equal_of_link
         for shape in _plain_collisions(link):
-            faults.append((owner, f"link '{owner}' collides by a {shape}; exports collide by meshes only."))
+            texts.append(f"collides by a {shape}; exports collide by meshes only")
+        for text in texts:
+            separator = ":" if text.startswith("'") else ""
+            faults.append((owner, f"link '{owner}'{separator} {text}."))
     # Only if most pairs are equal, the file is an export in which a differing pair is a mistake.
     if equal <= len(faults):
         if faults:
@@ -116,6 +100,33 @@ def check_collisions(
         return
     for owner, text in faults:
         ledger.wrong("urdf.collision", text, owner, suggestion="export the file again")
+
+
+def _differences(visuals: Mapping[str, _PlacedMesh], collisions: Mapping[str, _PlacedMesh]) -> tuple[int, list[str]]:
+    """Return (number of equal pairs, differences) of the meshes of a link, as parts of sentences about the link."""
+    equal = 0
+    texts: list[str] = []
+    for name, visual in visuals.items():
+        if visual.file != _EXPORTED_FILE.format(name):
+            continue
+        visual_name = f"'{name}{_VISUAL_ENDING}'"
+        collision_name = f"'{name}{_COLLISION_ENDING}'"
+        collision = collisions.get(name)
+        if collision is None:
+            texts.append(f"has the visual mesh {visual_name}, but no {collision_name}")
+            continue
+        differences = visual.differences(collision)
+        if not differences:
+            equal += 1
+            continue
+        texts.append(f"{collision_name} differs from {visual_name}: {', '.join(differences)}")
+    for name, collision in collisions.items():
+        if name.startswith(_UNNAMED_KEY):
+            texts.append(f"collides by {collision.file}, which is none of its '…{_COLLISION_ENDING}'")
+        elif name not in visuals and collision.file == _EXPORTED_FILE.format(name):
+            collision_name = f"'{name}{_COLLISION_ENDING}'"
+            texts.append(f"has the collision mesh {collision_name}, but no '{name}{_VISUAL_ENDING}'")
+    return equal, texts
 
 
 def _plain_collisions(link: ET.Element) -> list[str]:
@@ -152,7 +163,7 @@ def _meshes(
         name = element.get("name", "")
         key = name.removesuffix(ending)
         if key == name or not key or key in meshes:
-            key = f"{_UNNAMED}{index}"
+            key = f"{_UNNAMED_KEY}{index}"
         scale, T_link_mesh = placed(element)
         meshes[key] = _PlacedMesh(mesh.get("filename", ""), scale, T_link_mesh)
     return meshes

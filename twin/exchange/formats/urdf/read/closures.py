@@ -18,7 +18,6 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twin.core.errors import SourceError, unknown
 from twin.core.extras import require
@@ -125,14 +124,14 @@ def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tupl
     return tuple(couplings)
 
 
-def _is_pair_of_names(value: Any) -> bool:
+def _is_pair_of_names(value: object) -> bool:
     if not isinstance(value, list) or len(value) != 2:
         return False
     first, second = value
     return isinstance(first, str) and isinstance(second, str)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     # YAML reads yes and on as True, which is an int in Python.
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -169,7 +168,7 @@ def _parse_json_lines(text: str) -> JsonObject | None:
     return content
 
 
-def _parse(path: Path) -> Any:
+def _parse(path: Path) -> object:
     try:
         text = read_text(path, "YAML")
     except OSError as error:
