@@ -15,19 +15,19 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
-_STEP = 1e-6
+_DIFFERENCE_STEP = 1e-6
 """Step of the finite differences, in m and rad."""
 
-_GOOD = 1e-5
+_MAX_RESIDUAL = 1e-5
 """Residual in m and rad below which a solution is accepted; rounding of poses causes residuals of this size."""
 
 _MAX_ITERATIONS = 30
 """Maximum number of Gauss-Newton steps from one starting point."""
 
-_CONVERGED = 1e-12
+_MIN_STEP = 1e-12
 """Largest entry, in m and rad, of a Gauss-Newton step after which the iteration has converged."""
 
-_LONGEST_STEP = 0.5
+_MAX_STEP = 0.5
 """Largest entry in m and rad of a Gauss-Newton step: longer ones leave the range where the linearisation holds."""
 
 _DAMPING = 1e-12
@@ -36,7 +36,7 @@ _DAMPING = 1e-12
 _START_VALUES = (0.0, 1.3, -1.3)
 """Values of free joints from which a search starts, in rad or m: the middle, and about 75 degrees to both sides."""
 
-_TRIES = 24
+_MAX_RESTARTS = 24
 """Maximum number of starting points for keys at which the iteration did not converge."""
 
 
@@ -93,26 +93,26 @@ def solve_chain(steps: Sequence[ChainStep], known_values: Sequence[Array | None]
             free_steps.append(number)
     if not free_steps:
         return list(known_values)
-    q, errors = _descend(steps, known_values, free_steps, np.zeros((len(free_steps), count)), goal)
+    q, errors = _gauss_newton(steps, known_values, free_steps, np.zeros((len(free_steps), count)), goal)
     # Only the first three free joints start elsewhere: they have more combinations than tries already.
     starts = iter(product(_START_VALUES, repeat=min(len(free_steps), 3)))
-    for attempt in range(_TRIES):
-        unsolved = errors > _GOOD
+    for attempt in range(_MAX_RESTARTS):
+        unsolved = errors > _MAX_RESIDUAL
         if not unsolved.any():
             break
         solved = np.flatnonzero(~unsolved)
         if len(solved) and attempt % 2 == 0:  # start from the nearest solved key, because a motion is continuous
-            begin = q[:, nearest_keys(solved, np.flatnonzero(unsolved))]
+            start_values = q[:, nearest_keys(solved, np.flatnonzero(unsolved))]
         else:
-            begin = np.zeros((len(free_steps), int(unsolved.sum())))
+            start_values = np.zeros((len(free_steps), int(unsolved.sum())))
             start = next(starts, None)
             if start is None:
                 break
-            begin[: len(start)] = np.array(start)[:, None]
+            start_values[: len(start)] = np.array(start)[:, None]
         rows: list[Array | None] = []
         for step_values in known_values:
             rows.append(None if step_values is None else step_values[unsolved])
-        new_q, new_errors = _descend(steps, rows, free_steps, begin, goal[unsolved])
+        new_q, new_errors = _gauss_newton(steps, rows, free_steps, start_values, goal[unsolved])
         better = new_errors < errors[unsolved]
         q[:, unsolved] = np.where(better, new_q, q[:, unsolved])
         errors[unsolved] = np.where(better, new_errors, errors[unsolved])
@@ -134,7 +134,7 @@ def nearest_keys(solved: Array, keys: Array) -> Array:
     return np.where(is_later_nearer, later, earlier)
 
 
-def _descend(
+def _gauss_newton(
     steps: Sequence[ChainStep], known_values: Sequence[Array | None], free_steps: list[int], q: Array, goal: Array
 ) -> tuple[Array, Array]:
     """Return (values (f, k) of the free joints after Gauss-Newton from q (f, k), residuals (k,) in m and rad)."""
@@ -159,16 +159,16 @@ def _descend(
     for _ in range(_MAX_ITERATIONS):
         columns = []
         for j in range(len(free_steps)):
-            shifted_residuals = residual(q + _STEP * unit[:, j, None])
-            columns.append((shifted_residuals - residuals) / _STEP)
+            shifted_residuals = residual(q + _DIFFERENCE_STEP * unit[:, j, None])
+            columns.append((shifted_residuals - residuals) / _DIFFERENCE_STEP)
         J = np.stack(columns, axis=2)
         J_transposed = np.swapaxes(J, 1, 2)
         normal_matrix = J_transposed @ J + _DAMPING * unit
         newton_step = np.linalg.solve(normal_matrix, J_transposed @ residuals[..., None])[..., 0]
         size = np.abs(newton_step).max(axis=1, keepdims=True)
-        shortened = newton_step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-30))  # 1e-30: not by zero
+        shortened = newton_step * np.minimum(1.0, _MAX_STEP / np.maximum(size, 1e-30))  # 1e-30: not by zero
         q = q - shortened.T
         residuals = residual(q)
-        if size.max() < _CONVERGED:
+        if size.max() < _MIN_STEP:
             break
     return q, np.linalg.norm(residuals, axis=1)

@@ -10,7 +10,7 @@ from twin.exchange.audit.poses import Array
 
 Rgba = tuple[float, float, float, float]
 
-SAME = 0.0051
+COMPONENT_TOL = 0.0051
 """Maximum difference between components of equal colours, linear or as display values: rounding to eight bits twice."""
 
 
@@ -77,8 +77,8 @@ def color_difference(first_shares: Mapping[Rgba, float], second_shares: Mapping[
     matched = 0.0
     for color, share in first_shares.items():
         # The nearest colours first: a colour that is farther off may be the counterpart of another one.
-        for candidate in sorted(unmatched, key=lambda c: _difference(c, color)):
-            if not _same(candidate, color) or share <= 0:
+        for candidate in sorted(unmatched, key=lambda c: _largest_component_difference(c, color)):
+            if not _is_same_color(candidate, color) or share <= 0:
                 break
             common = min(share, unmatched[candidate])
             unmatched[candidate] -= common
@@ -87,15 +87,15 @@ def color_difference(first_shares: Mapping[Rgba, float], second_shares: Mapping[
     return 1.0 - matched
 
 
-def _same(first: Rgba, second: Rgba) -> bool:
+def _is_same_color(first: Rgba, second: Rgba) -> bool:
     """Return whether two linear colours are equal, if one of them is rounded to eight bits, in either form."""
-    if _difference(first, second) <= SAME:
+    if _largest_component_difference(first, second) <= COMPONENT_TOL:
         return True
     displayed = (*display(np.array(first[:3])).tolist(), first[3])
     other_displayed = (*display(np.array(second[:3])).tolist(), second[3])
-    return _difference(displayed, other_displayed) <= SAME
+    return _largest_component_difference(displayed, other_displayed) <= COMPONENT_TOL
 
 
-def _difference(first: Rgba, second: Rgba) -> float:
+def _largest_component_difference(first: Rgba, second: Rgba) -> float:
     """Return the largest difference between two components."""
     return float(np.abs(np.subtract(first, second)).max())

@@ -29,7 +29,7 @@ USD = "usd/organs.usdc"
 TOLERANCE = 10e-6
 """Maximum difference in m between the coordinates of the same vertex in the two files."""
 
-_TIMES = 16
+_MAX_TIMES = 16
 """Maximum number of time samples of each mesh, evenly distributed, at which the files are compared."""
 
 
@@ -61,7 +61,7 @@ def audit_deformables(folder: Path, expects_usd: bool = True) -> list[Ledger]:
             ledger.wrong("bend.missing", f"{GLB} has no deformables.")
         for name in glb_meshes.names:
             glb_meshes.vertices(name, 0.0)
-            open_edges = _unpaired(glb_meshes.triangles(name))
+            open_edges = _count_open_edges(glb_meshes.triangles(name))
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:
                 text = f"mesh '{name}' is not closed: {open_edges} edges do not join exactly two triangles."
@@ -196,7 +196,7 @@ def _largest_difference(glb_meshes: _AnimatedMeshes, name: str, mesh: UsdGeom.Me
     codes = points.GetTimeSamples()
     worst = 0.0
     when = ""
-    for sample in spread(len(codes), _TIMES):
+    for sample in spread(len(codes), _MAX_TIMES):
         t = codes[sample] / rate
         expected = np.array(points.Get(codes[sample]), float)
         vertices = glb_meshes.vertices(name, t)
@@ -211,7 +211,7 @@ def _largest_difference(glb_meshes: _AnimatedMeshes, name: str, mesh: UsdGeom.Me
     return worst, when
 
 
-def _unpaired(triangles: np.ndarray) -> int:
+def _count_open_edges(triangles: np.ndarray) -> int:
     """Return the number of edges that do not belong to exactly two triangles."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, counts = np.unique(edges, axis=0, return_counts=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.report import MECHANISM
@@ -59,7 +58,7 @@ def _groups(name: str, stating: Sequence[Content]) -> list[list[Content]]:
     return groups
 
 
-def _report(name: str, stating: Sequence[Content], expected: Any, source: str, doubt: str) -> None:
+def _report(name: str, stating: Sequence[Content], expected: object, source: str, doubt: str) -> None:
     """Report the files whose statement `name` is not the expected one of `source`; `doubt` ends each message."""
     for content in stating:
         value = content.stated[name]
@@ -69,7 +68,7 @@ def _report(name: str, stating: Sequence[Content], expected: Any, source: str, d
             content.ledger.wrong("compare.stated", text, name, suggestion=advice)
 
 
-def same_value(a: Any, b: Any) -> bool:
+def same_value(a: object, b: object) -> bool:
     """Return whether two values are equal; numbers are equal within the digits of texts."""
     if isinstance(a, int | float) and isinstance(b, int | float):
         return abs(a - b) <= _DIGITS * max(abs(a), abs(b))

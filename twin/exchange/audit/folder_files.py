@@ -17,7 +17,7 @@ MOST_FILES = 20_000
 SCENE = "scene.json"
 """Name of the file that lists the robots of an exported scene, with their folders and base poses."""
 
-_TEXT = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
+_SYNTAX_BY_SUFFIX = {".json": "JSON", **dict.fromkeys((".meta", ".asmdef", ".cs", ".txt", ".md"), "text")}
 """File name suffixes of text formats."""
 
 
@@ -76,7 +76,7 @@ def find_files(path: Path) -> FolderFiles:
     for file in sorted(path.rglob("*")):
         if file.is_file() and not _is_hidden(file.relative_to(path)):
             files.append(file)
-            syntax = _TEXT.get(file.suffix.lower())
+            syntax = _SYNTAX_BY_SUFFIX.get(file.suffix.lower())
             if syntax is not None:
                 check_size(file, syntax)
         # Whoever gives a home folder by mistake learns it here, before all of its files are searched.

@@ -75,9 +75,9 @@ def midway(A: Array, B: Array) -> Array:
     """Return the poses (k, 4, 4) halfway between A and B: mean of the positions, half of the relative rotation."""
     first = poses.quaternion(A[:, :3, :3])
     second = poses.quaternion(B[:, :3, :3])
-    half = poses.slerp(first, second, np.full(len(first), 0.5))
+    middle_quaternions = poses.slerp(first, second, np.full(len(first), 0.5))
     middle = (A[:, :3, 3] + B[:, :3, 3]) / 2
-    return poses.pose(poses.rotation(half), middle)
+    return poses.pose(poses.rotation(middle_quaternions), middle)
 
 
 def gap_of(joint: FileJoint, links: Mapping[str, Array]) -> float:

@@ -84,7 +84,7 @@ def base_link(mechanism: FileMechanism) -> str:
 
 
 @dataclass(frozen=True)
-class _Edge:
+class _TreeEdge:
     """A joint with one coordinate, between the rigid parts `near` and `far` of a tree, seen from its base."""
 
     name: str
@@ -98,7 +98,7 @@ def _by_structure(mechanism: FileMechanism, truth: FileMechanism) -> Iterator[di
     file_parts = rigid_parts(mechanism)
     mechanism_parts = rigid_parts(truth)
     start = file_parts.get(base_link(mechanism), "")
-    edges = _outwards(mechanism, file_parts, start)
+    edges = _edges_outwards(mechanism, file_parts, start)
     singles = single_joints(truth)
     if not edges or len(edges) != len(set(file_parts.values())) - 1:
         return
@@ -126,7 +126,7 @@ def _by_structure(mechanism: FileMechanism, truth: FileMechanism) -> Iterator[di
     yield from search(0, {start: mechanism_parts.get(base_link(truth), "")}, {})
 
 
-def _outwards(mechanism: FileMechanism, part_of_link: Mapping[str, str], start: str) -> list[_Edge]:
+def _edges_outwards(mechanism: FileMechanism, part_of_link: Mapping[str, str], start: str) -> list[_TreeEdge]:
     """Return the joints of a tree from the part `start` outwards: each after the one that leads to its near part."""
     reached = {start}
     edges = []
@@ -138,7 +138,7 @@ def _outwards(mechanism: FileMechanism, part_of_link: Mapping[str, str], start: 
             near = part_of_link[joint.parent]
             far = part_of_link[joint.child]
             if near in reached and far not in reached:
-                edges.append(_Edge(name, joint, near, far))
+                edges.append(_TreeEdge(name, joint, near, far))
                 reached.add(far)
                 has_grown = True
     return edges

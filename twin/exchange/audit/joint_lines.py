@@ -26,6 +26,9 @@ LINE_TOL = 5e-6
 ANGLE_TOL = 1e-5
 """Maximum difference between cosines of angles of two joint lines that agree."""
 
+_PARALLEL_SINE = 1e-4
+"""Sine of the angle of two lines below which they are parallel: their common normal is only rounding."""
+
 
 @dataclass(frozen=True)
 class JointPair:
@@ -71,8 +74,8 @@ class JointPair:
             )
         if self.distance > LINE_TOL:
             return (
-                f"the axes of joints '{self.first}' and '{self.second}' are {_length(self.file_value)} apart; in "
-                f"{MECHANISM} they are {_length(self.mechanism_value)} apart."
+                f"the axes of joints '{self.first}' and '{self.second}' are {_length_text(self.file_value)} apart; in "
+                f"{MECHANISM} they are {_length_text(self.mechanism_value)} apart."
             )
         return (
             f"the axes of joints '{self.first}' and '{self.second}' are at {self.file_value:.5g} deg; in {MECHANISM} "
@@ -80,7 +83,7 @@ class JointPair:
         )
 
 
-def _length(value: float) -> str:
+def _length_text(value: float) -> str:
     if value <= 1e-9:  # rounding
         return "0 mm"
     return quantity(value, "m")
@@ -173,10 +176,10 @@ def _angles_and_distances(first: tuple[Array, Array], second: tuple[Array, Array
     cosine = np.sum(direction * other_direction, axis=1)
     normal = np.cross(direction, other_direction)
     sine = np.linalg.norm(normal, axis=1)
-    parallel = sine < 1e-4  # the common normal of nearly parallel lines is only rounding
-    passing = np.sum(between * normal, axis=1) / np.where(parallel, 1.0, sine)
-    beside = np.linalg.norm(np.cross(direction, between), axis=1)
-    distances = np.column_stack([np.where(parallel, 0.0, passing), np.where(parallel, beside, 0.0)])
+    parallel = sine < _PARALLEL_SINE
+    signed_distance = np.sum(between * normal, axis=1) / np.where(parallel, 1.0, sine)
+    parallel_distance = np.linalg.norm(np.cross(direction, between), axis=1)
+    distances = np.column_stack([np.where(parallel, 0.0, signed_distance), np.where(parallel, parallel_distance, 0.0)])
     return cosine, distances
 
 

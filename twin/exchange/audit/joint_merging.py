@@ -28,18 +28,18 @@ def merged_joints(all_joints: Collection[FileJoint], known_links: Collection[str
             joints.append(joint)
     # Files attach a joint of the ground to the world or to the base fixed to it: one of both must be chosen.
     if WORLD not in known_links:
-        joints = _onto_base(joints)
-    pending: list[str] = []
+        joints = _mounted_on_base(joints)
+    unknown_links: list[str] = []
     for joint in joints:
         for link in (joint.parent, joint.child):
-            if link and link not in known_links and link not in pending:
-                pending.append(link)
-    while pending:
-        link = _next_removed(pending, joints)
+            if link and link not in known_links and link not in unknown_links:
+                unknown_links.append(link)
+    while unknown_links:
+        link = _next_removable(unknown_links, joints)
         if link is None:
             break
-        pending.remove(link)
-        joints = _without(link, joints)
+        unknown_links.remove(link)
+        joints = _without_link(link, joints)
     return joints + _joined_ties(all_joints)
 
 
@@ -69,7 +69,7 @@ def joints_of(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
     return joints_of_link
 
 
-def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
+def _next_removable(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
     """Return the first of the links with at most two joints; None if there is none."""
     for link in links:
         if len(joints_of(link, joints)) <= 2:
@@ -77,7 +77,7 @@ def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str 
     return None
 
 
-def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
+def _without_link(link: str, joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints without a link: if two joints have it, they become one, with the motions of both.
 
     Two joints, of which one has no stated pose, cannot become one: both are left out.
@@ -98,10 +98,10 @@ def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
         first = first.reversed()
     if second.parent != link:
         second = second.reversed()
-    return [*others, _chained(first, second)]
+    return [*others, _joined_to_one(first, second)]
 
 
-def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
+def _mounted_on_base(joints: list[FileJoint]) -> list[FileJoint]:
     """Return joints on the link that is fixed to the world instead of on the world; others are unchanged."""
     mount = _mount(joints)
     if mount is None:
@@ -112,7 +112,7 @@ def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
         if joint is mount:
             continue
         if joint.parent == WORLD and joint.T is not None:
-            mounted_joints.append(_chained(base, joint))
+            mounted_joints.append(_joined_to_one(base, joint))
         else:
             mounted_joints.append(joint)
     return mounted_joints
@@ -126,7 +126,7 @@ def _mount(joints: list[FileJoint]) -> FileJoint | None:
     return None
 
 
-def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
+def _joined_to_one(first: FileJoint, second: FileJoint) -> FileJoint:
     """Return two joints as one; it has the drive of the one that moves, and none if both or neither do."""
     assert first.T is not None
     assert second.T is not None

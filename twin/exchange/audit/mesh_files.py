@@ -47,12 +47,12 @@ def named_mesh(
     return checked[key]
 
 
-def placed_shape(solid: tuple[Array, Array], T: Array, code: str) -> LinkShape | None:
+def placed_shape(mesh: tuple[Array, Array], T: Array, code: str) -> LinkShape | None:
     """Return the shape of a mesh (points, triangles) at the pose T (4, 4) in its link; None if it has none.
 
     `named_mesh` has already reported the faults of the mesh.
     """
-    points, triangles = solid
+    points, triangles = mesh
     return check_mesh(Ledger(""), "", points @ T[:3, :3].T + T[:3, 3], triangles, None, code)
 
 

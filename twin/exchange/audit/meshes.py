@@ -18,19 +18,19 @@ from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
-NEAR = 3e-6
+MERGE_DISTANCE = 3e-6
 """Distance in m below which points may be one point in another format: two are rounded, to 0.001 mm in an OBJ."""
 
 NORMAL_TOL = 3**0.5 / 2 / 127
 """Maximum difference between a normal's length and 1: the rounding of three components to signed bytes."""
 
-_THIN = 1e-6
+_MIN_AREA_SHARE = 1e-6
 """Area of a triangle, as a fraction of the mesh's, up to which its normal is only rounding."""
 
-_REVERSED = -0.5
+_REVERSED_COSINE = -0.5
 """Cosine of the angle, 120 degrees, from which a normal is reversed: at sharp edges, correct ones are up to 90 off."""
 
-AGAINST = 0.01
+MAX_SHARE_AGAINST = 0.01
 """Maximum fraction of a mesh's area with normals opposite to the winding; thin triangles have inexact normals."""
 
 
@@ -54,7 +54,10 @@ def check_mesh(
         text = f"mesh '{where}': a face uses point {index}, but the mesh has {len(vertices)} points."
         ledger.wrong(f"{code}.index", text, where, size=Measured(index, float(len(vertices) - 1)))
         return None
-    shape, mixed = _measured(np.asarray(vertices, float).tobytes(), np.asarray(triangles, np.int64).tobytes())
+    # As bytes, which the cache can compare.
+    points = np.asarray(vertices, float).tobytes()
+    faces = np.asarray(triangles, np.int64).tobytes()
+    shape, mixed = _shape_and_orientation(points, faces)
     if mixed:
         text = f"mesh '{where}' is closed, but its faces are not consistently oriented."
         ledger.wrong(f"{code}.winding_mixed", text, where)
@@ -67,17 +70,17 @@ def check_mesh(
 
 
 @lru_cache(maxsize=512)
-def _measured(points: bytes, faces: bytes) -> tuple[LinkShape, bool]:
+def _shape_and_orientation(points: bytes, faces: bytes) -> tuple[LinkShape, bool]:
     """Return (shape, mixed); `mixed` is True if the mesh is closed, but its triangles are inconsistently oriented.
 
     Several files can have the same mesh; therefore results are cached.
     """
     vertices = np.frombuffer(points).reshape(-1, 3)
     triangles = np.frombuffer(faces, np.int64).reshape(-1, 3)
-    closed, mixed = edges(weld(vertices, triangles))
+    closed, mixed = is_closed_and_oriented(weld(vertices, triangles))
     nearly_closed = closed
     if not closed:
-        nearly_closed, _ = edges(weld_near(vertices, triangles))
+        nearly_closed, _ = is_closed_and_oriented(weld_near(vertices, triangles))
     unique, new_indices = np.unique(triangles, return_inverse=True)
     used_vertices = vertices[unique]
     shape = LinkShape(
@@ -110,33 +113,33 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     corner_normals = normals.reshape(-1, 3, 3)
     projections = np.einsum("ij,ikj->ik", areas, corner_normals)
     against = float(-projections[projections < 0].sum() / 3)  # each triangle has three corners
-    if total > 0 and against > AGAINST * total:
+    if total > 0 and against > MAX_SHARE_AGAINST * total:
         share = against / total
         text = (
             f"mesh '{where}': normals of {100 * share:.3g} % of the area point against the winding of the "
             "faces: the mesh looks lit from inside."
         )
-        ledger.wrong(f"{code}.normals_against", text, where, size=Measured(share, AGAINST))
+        ledger.wrong(f"{code}.normals_against", text, where, size=Measured(share, MAX_SHARE_AGAINST))
         return
-    reversed_points = _reversed(triangles, areas, projections)
+    reversed_points = _count_reversed_points(triangles, areas, projections)
     if reversed_points:
         text = f"mesh '{where}': the normals of {reversed_points} points are against all faces around them: dark spots."
         ledger.add(f"{code}.normal_reversed", "warning", text, where, size=float(reversed_points))
 
 
-def _reversed(triangles: Array, areas: Array, projections: Array) -> int:
+def _count_reversed_points(triangles: Array, areas: Array, projections: Array) -> int:
     """Return the number of points whose normals are more than 120 degrees from the normals of all their faces.
 
     `areas` (m, 3) are vectors along the normals of the triangles, `projections` (m, 3) their products with the normals
     of the corners. Faces that are too thin to have an exact normal do not count.
     """
     size = np.linalg.norm(areas, axis=1)
-    counted = size > _THIN * size.sum()
+    counted = size > _MIN_AREA_SHARE * size.sum()
     cosines = projections[counted] / size[counted, None]
     corners = triangles[counted]
     nearest = np.full(int(triangles.max()) + 1, -np.inf)
     np.maximum.at(nearest, corners.ravel(), cosines.ravel())
-    return int(np.count_nonzero(np.isfinite(nearest) & (nearest < _REVERSED)))
+    return int(np.count_nonzero(np.isfinite(nearest) & (nearest < _REVERSED_COSINE)))
 
 
 def _doubled_areas(vertices: Array, triangles: Array) -> Array:
@@ -157,21 +160,21 @@ def weld(vertices: Array, triangles: Array) -> Array:
 
 
 def weld_near(vertices: Array, triangles: Array) -> Array:
-    """Return the triangles (m, 3) with merged indices of points that are nearer than `NEAR`.
+    """Return the triangles (m, 3) with merged indices of points that are nearer than `MERGE_DISTANCE`.
 
     Formats round points differently, so that two points are one point in one format only. Merging more points never
     opens a closed mesh.
     """
     points, point_of_vertex = np.unique(vertices, axis=0, return_inverse=True)
     tree = KDTree(points, balanced_tree=False, compact_nodes=False)
-    pairs = tree.query_pairs(NEAR, output_type="ndarray")
+    pairs = tree.query_pairs(MERGE_DISTANCE, output_type="ndarray")
     ones = np.ones(len(pairs))
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     _, merged = connected_components(graph, directed=False)
     return merged[point_of_vertex.ravel()][triangles]
 
 
-def edges(triangles: Array) -> tuple[bool, bool]:
+def is_closed_and_oriented(triangles: Array) -> tuple[bool, bool]:
     """Return two flags of a mesh: (closed and consistently oriented, closed and inconsistently oriented).
 
     The orientation is consistent if each directed edge occurs as often as its opposite. Both values are False for an
@@ -181,10 +184,10 @@ def edges(triangles: Array) -> tuple[bool, bool]:
     b = triangles[:, 1]
     c = triangles[:, 2]
     proper = (a != b) & (b != c) & (a != c)
-    kept_triangles = triangles[proper].astype(np.int64)
-    if not len(kept_triangles):
+    proper_triangles = triangles[proper].astype(np.int64)
+    if not len(proper_triangles):
         return False, False
-    pairs = np.vstack([kept_triangles[:, [0, 1]], kept_triangles[:, [1, 2]], kept_triangles[:, [2, 0]]])
+    pairs = np.vstack([proper_triangles[:, [0, 1]], proper_triangles[:, [1, 2]], proper_triangles[:, [2, 0]]])
     # One number for each directed edge, and one for its opposite.
     n = int(pairs.max()) + 1
     forward = pairs[:, 0] * n + pairs[:, 1]
@@ -237,11 +240,11 @@ def joined(shapes: Iterable[LinkShape]) -> LinkShape | None:
     triangles = np.vstack(all_triangles)
     # Meshes that are open by themselves can close each other: a body whose faces are separate meshes.
     if len(parts) > 1 and not closed:
-        closed, _ = edges(weld(points, triangles))
+        closed, _ = is_closed_and_oriented(weld(points, triangles))
         if closed:
             nearly_closed = True
         elif not nearly_closed:
-            nearly_closed, _ = edges(weld_near(points, triangles))
+            nearly_closed, _ = is_closed_and_oriented(weld_near(points, triangles))
         volume = signed_volume(points, triangles)
     low = np.min(lows, axis=0)
     high = np.max(highs, axis=0)

@@ -10,11 +10,11 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
 
-_SAME = 1e-5
+_COINCIDENCE_TOL = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
 
 
-_SPANNING = 1e-3
+_MIN_SPANNED_VOLUME = 1e-3
 """Volume that three unit vectors must span to be in no common plane: in a plane, they cannot turn a body everywhere."""
 
 
@@ -44,7 +44,7 @@ class JointLine:
         return T_at_point @ poses.pose(poses.about(self.direction, q)) @ poses.inverse(T_at_point)
 
 
-_KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
+_KIND_BY_COUNTS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
 """Kinds of joints that the numbers of their turns and slides determine."""
 
 
@@ -52,13 +52,13 @@ def kind_of_lines(motions: tuple[JointLine, ...]) -> str:
     """Return the kind of a joint with these lines, as in `FileJoint.kind`."""
     turns, slides = turns_and_slides(motions)
     count = (len(turns), len(slides))
-    if count in _KINDS:
-        return _KINDS[count]
+    if count in _KIND_BY_COUNTS:
+        return _KIND_BY_COUNTS[count]
     if count == (1, 1):
         sine = np.linalg.norm(np.cross(turns[0].direction, slides[0].direction))
-        if sine < _SAME:
+        if sine < _COINCIDENCE_TOL:
             return "cylindrical"
-    if count == (3, 0) and _meet(turns):
+    if count == (3, 0) and _meet_in_a_point(turns):
         return "spherical"
     return f"chain of {len(turns)} turns and {len(slides)} slides"
 
@@ -75,15 +75,15 @@ def turns_and_slides(motions: tuple[JointLine, ...]) -> tuple[list[JointLine], l
     return turns, slides
 
 
-def _meet(turns: list[JointLine]) -> bool:
+def _meet_in_a_point(turns: list[JointLine]) -> bool:
     """Return whether three lines, which are not in one plane, meet in a point."""
     directions = [line.direction for line in turns]
-    if not abs(np.linalg.det(directions)) > _SPANNING:
+    if not abs(np.linalg.det(directions)) > _MIN_SPANNED_VOLUME:
         return False
     point = meeting_point(turns)
     for line in turns:
         moment = np.cross(line.direction, point - line.point)
-        if not np.linalg.norm(moment) < _SAME:
+        if not np.linalg.norm(moment) < _COINCIDENCE_TOL:
             return False
     return True
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
+from twin.core.json_types import JsonMapping
 from twin.core.provenance import EARLIER, Parameter
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import ROBOT
@@ -50,7 +50,7 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
         if isinstance(lines, list):
             _compare_assumed(map(str, lines), content.file, stages)
             break  # the lists of all tracks begin with the same numbers of the robot
-    expected: dict[str, Mapping[str, Any]] = {}
+    expected: dict[str, JsonMapping] = {}
     for parameter in parameters:
         expected[parameter.name] = vars(parameter)
     for stage in stages:
@@ -65,7 +65,7 @@ def _compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content
 
     Lines about numbers that a stage does not list, such as those of protocols, are not compared.
     """
-    stated: dict[str, dict[str, Any]] = {}
+    stated: dict[str, JsonMapping] = {}
     for line in lines:
         parts = _LINE.match(line)
         if parts is not None:
@@ -77,9 +77,7 @@ def _compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content
                 _compare(name, row, stated[name], source, stage.ledger, _DIGITS)
 
 
-def _compare(
-    name: str, row: Mapping[str, Any], expected: Mapping[str, Any], source: str, ledger: Ledger, tolerance: float
-) -> None:
+def _compare(name: str, row: JsonMapping, expected: JsonMapping, source: str, ledger: Ledger, tolerance: float) -> None:
     """Report the fields of a parameter that differ from those in `source`; missing ones are reported elsewhere."""
     for field, word in _FIELD_WORDS.items():
         if field not in row or field not in expected:
@@ -102,7 +100,7 @@ def _compare(
             return
 
 
-def _is_close(value: Any, number: float, tolerance: float) -> bool:
+def _is_close(value: object, number: float, tolerance: float) -> bool:
     """Return whether a value is a number within a relative tolerance; a text is never close."""
     if not isinstance(value, int | float):
         return False

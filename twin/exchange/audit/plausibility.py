@@ -14,37 +14,37 @@ from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.mechanism_data import FileMass
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
-DENSEST = 23_000.0
+MAX_DENSITY = 23_000.0
 """Maximum density in kg/m3; osmium has 22 590."""
 
-LIGHTEST = 0.5
+MIN_BOX_DENSITY = 0.5
 """Minimum ratio in kg/m3 of a link's mass to the volume of the link's bounding box; the density of air is 1.2."""
 
-OUTSIDE = 0.1
+MAX_CENTRE_DISTANCE = 0.1
 """Maximum distance between a link's bounding box and a centre of mass outside the box, divided by the box diagonal.
 
 A centre of mass outside the box is possible, because the CAD may omit some parts.
 """
 
-EARTH = 9.81
+EARTH_GRAVITY = 9.81
 """Gravity in m/s2 on earth, as most programs have it."""
 
-OTHER_PLANETS = (1.0, 20.0)
+OTHER_GRAVITY_RANGE = (1.0, 20.0)
 """Range of gravity in m/s2 that may be meant, of the moon (1.6) and of most planets."""
 
-_DOWNWARDS = 0.999
+_MIN_DOWNWARD_COSINE = 0.999
 """Minimum cosine of the angle between gravity and -z at which it points down: 2.6 degrees."""
 
-GRAVITY = (9.7, 9.9)
+EARTH_GRAVITY_RANGE = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
-SAME_GRAVITY = 1e-3
+GRAVITY_TOL = 1e-3
 """Maximum distance in m/s2 of two values of gravity that are the same, despite rounding to single precision."""
 
-SHEET = 1e-4
+SHEET_THICKNESS = 1e-4
 """Thickness in m below which an open mesh is a sheet, drawn without its thickness."""
 
-TRIANGLE = 1e-5
+TRIANGLE_INEQUALITY_TOL = 1e-5
 """Maximum relative violation of the triangle inequality of principal inertias that counts as a rounding error."""
 
 
@@ -68,7 +68,7 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
     if mechanism.gravity is not None:
-        is_stated_elsewhere = any(np.linalg.norm(mechanism.gravity - other) < SAME_GRAVITY for other in gravity)
+        is_stated_elsewhere = any(np.linalg.norm(mechanism.gravity - other) < GRAVITY_TOL for other in gravity)
         _check_gravity(ledger, mechanism.gravity, is_stated_elsewhere)
     if mechanism.masses or mechanism.joints:
         wrong = []
@@ -79,7 +79,7 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
 
 
 def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
-    """Report a mass or an inertia that no body has."""
+    """Report a mass, a centre of mass or an inertia that no body has."""
 
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
         ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
@@ -87,6 +87,8 @@ def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
     if not (np.isfinite(mass.mass) and mass.mass > 0):
         wrong("mass_not_positive", f"the mass is {mass.mass:g} kg, but must be positive", mass.mass, "kg", 0.0)
         return
+    if mass.center is not None and not np.all(np.isfinite(mass.center)):
+        wrong("mass_centre_not_finite", "the centre of mass is not finite", np.nan, "m", 0.0)
     if mass.inertia is not None:
         I = mass.inertia  # noqa: E741 - the symbol of the field
         if not np.all(np.isfinite(I)):
@@ -97,7 +99,7 @@ def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
         if moments[0] <= 0:
             text = f"the smallest principal moment of inertia is {moments[0]:.4g} kg m2, but must be positive"
             wrong("inertia_impossible", text, float(moments[0]), "kg m2", 0.0)
-        elif moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE):
+        elif moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_INEQUALITY_TOL):
             text = (
                 f"the principal moments of inertia {moments[0]:.4g}, {moments[1]:.4g} and {moments[2]:.4g} kg m2 "
                 "violate the triangle inequality: no mass distribution has such moments"
@@ -115,17 +117,18 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
         text = f"link '{link}': {text}; these shapes do not show the whole link."
         ledger.add(f"physics.{code}", "info", text, link, size=Measured(size, limit, unit))
 
-    # `_check_mass` has reported it; every comparison with NaN below would be false, as if the mass fitted.
-    if mass.inertia is not None and not np.all(np.isfinite(mass.inertia)):
-        return
+    # `_check_mass` has reported them; every comparison with NaN below would be false, as if the mass fitted.
+    for numbers in (mass.center, mass.inertia):
+        if numbers is not None and not np.all(np.isfinite(numbers)):
+            return
     size = shape.high - shape.low
     diagonal = shape.diagonal
     if mass.center is not None:
         outside = np.maximum(shape.low - mass.center, mass.center - shape.high)
         distance = float(np.linalg.norm(np.maximum(outside, 0.0)))
-        if distance > OUTSIDE * diagonal:
+        if distance > MAX_CENTRE_DISTANCE * diagonal:
             text = f"the centre of mass is {quantity(distance, 'm')} outside the bounding box of the link's meshes"
-            wrong("mass_centre_outside", text, distance, "m", OUTSIDE * diagonal)
+            wrong("mass_centre_outside", text, distance, "m", MAX_CENTRE_DISTANCE * diagonal)
     if mass.inertia is not None and diagonal > 0:
         moments = np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)
         largest = max(moments[2], 0.0)
@@ -139,26 +142,26 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
             wrong("inertia_too_large", text, gyration, "m", diagonal)
     # An open mesh encloses no volume: the mass is compared with that of its bounding box.
     # At least as thick as a sheet: the box of a flat link would have no volume to divide by.
-    box = float(np.prod(np.maximum(size, SHEET)))
+    box = float(np.prod(np.maximum(size, SHEET_THICKNESS)))
     volume = box
     if shape.closed and shape.volume > shape.rounding:
         volume = shape.volume
-    if volume == box and np.min(size) < SHEET:
+    if volume == box and np.min(size) < SHEET_THICKNESS:
         return  # a sheet, such as a sticker or a marker, shows no volume
     density = mass.mass / volume
     box_density = mass.mass / box
-    if density > DENSEST:
+    if density > MAX_DENSITY:
         text = (
             f"the mass of {mass.mass:.4g} kg in a volume of {volume:.3g} m3 gives {density:.3g} kg/m3, "
             "more than the density of any material"
         )
-        wrong("density", text, density, "kg/m3", DENSEST)
-    elif box_density < LIGHTEST:
+        wrong("density", text, density, "kg/m3", MAX_DENSITY)
+    elif box_density < MIN_BOX_DENSITY:
         text = (
             f"the mass of {mass.mass:.4g} kg in a bounding box of {box:.3g} m3 gives {box_density:.3g} kg/m3, "
             "less than the density of air"
         )
-        wrong("density", text, box_density, "kg/m3", LIGHTEST)
+        wrong("density", text, box_density, "kg/m3", MIN_BOX_DENSITY)
 
 
 def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
@@ -175,8 +178,10 @@ def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
         "maximum speed": drive.speed,
     }
     for name, value in values.items():
-        if value is not None and value < 0:
+        if value is not None and not value >= 0:  # also if it is not a number
             text = f"joint '{joint}': the {name} is {value:g}, but must not be negative."
+            if np.isnan(value):
+                text = f"joint '{joint}': the {name} is not a number."
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 
 
@@ -189,15 +194,15 @@ def _check_gravity(ledger: Ledger, gravity: np.ndarray, is_stated_elsewhere: boo
     components = ", ".join(map("{:g}".format, gravity))
     if is_stated_elsewhere:
         # Gravity of a slope, or of another up axis, deserves a note; that of earth along -z does not.
-        if abs(gravity[2] + EARTH) > SAME_GRAVITY or size > GRAVITY[1]:
+        if abs(gravity[2] + EARTH_GRAVITY) > GRAVITY_TOL or size > EARTH_GRAVITY_RANGE[1]:
             ledger.add("physics.gravity", "info", f"gravity is ({components}) m/s2, as stated elsewhere.", "gravity")
         return
-    if not gravity[2] < -_DOWNWARDS * size:
+    if not gravity[2] < -_MIN_DOWNWARD_COSINE * size:
         text = f"gravity is ({components}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
-    elif not GRAVITY[0] <= size <= GRAVITY[1]:
+    elif not EARTH_GRAVITY_RANGE[0] <= size <= EARTH_GRAVITY_RANGE[1]:
         severity = "disagreement"
-        if OTHER_PLANETS[0] < size < OTHER_PLANETS[1]:
+        if OTHER_GRAVITY_RANGE[0] < size < OTHER_GRAVITY_RANGE[1]:
             severity = "warning"
-        text = f"gravity is {size:g} m/s2; on earth it is {EARTH} (x {size / EARTH:.4g})."
-        ledger.add("physics.gravity", severity, text, "gravity", size=Measured(size, EARTH, "m/s2"))
+        text = f"gravity is {size:g} m/s2; on earth it is {EARTH_GRAVITY} (x {size / EARTH_GRAVITY:.4g})."
+        ledger.add("physics.gravity", severity, text, "gravity", size=Measured(size, EARTH_GRAVITY, "m/s2"))

@@ -12,7 +12,7 @@ from twin.exchange.audit.pose_deviation import pose_deviation
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
-_FACTORS = {
+_LENGTH_MISTAKES = {
     1e3: "lengths look like millimetres read as metres",
     1e-3: "lengths look like metres read as millimetres",
     1e2: "lengths look like centimetres read as metres",
@@ -23,10 +23,10 @@ _EVEN_KEYS = 20
 """Number of evenly distributed keys at which a mistake is tested, in addition to the keys with the largest errors."""
 
 
-_SAME_POSITION = 1e-5
+_POSITION_TOL = 1e-5
 """Distance in m of positions that are equal; for robots larger than 1 m, as a fraction of their size."""
 
-_SAME_ANGLE = 1e-3
+_ANGLE_TOL = 1e-3
 """Angle in rad of rotations that are equal: mistakes turn links by far more."""
 
 _FEW_KEYS = 2
@@ -56,26 +56,27 @@ def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str,
         return ""
     wrong = []  # numbers of the links that differ
     for i in range(len(names)):
-        if not _same(tested[i], expected[i]):
+        if not _are_same_poses(tested[i], expected[i]):
             wrong.append(i)
     if not wrong:
         return ""
     for text, mistake in _mistakes():
-        if _same(tested[wrong], mistake(expected[wrong])):  # other links (a base at the origin) may agree by chance
+        # Only of the wrong links: others, such as a base at the origin, may agree by chance.
+        if _are_same_poses(tested[wrong], mistake(expected[wrong])):
             return text
     for i, j in combinations(wrong, 2):
-        if _same(tested[i], expected[j]) and _same(tested[j], expected[i]):
+        if _are_same_poses(tested[i], expected[j]) and _are_same_poses(tested[j], expected[i]):
             return f"links '{names[i]}' and '{names[j]}' are swapped"
     displacements = tested[:, :1] @ poses.inverse(expected[:, :1])  # displacement of each link at the first key
     displacement = displacements[:1]
-    if _same(tested, displacement @ expected):
+    if _are_same_poses(tested, displacement @ expected):
         T = displacement[0, 0]
         distance = float(np.linalg.norm(T[:3, 3]))
         turn = np.degrees(float(poses.angle(T[:3, :3], np.eye(3))))
         return f"the whole robot is moved by {quantity(distance, 'm')} and rotated by {turn:.4g} deg"
     if len(wrong) == 1:
         name = names[wrong[0]]
-        return _at_few_keys(file_poses[name], expected_poses[name], tested_keys)
+        return _few_wrong_keys_text(file_poses[name], expected_poses[name], tested_keys)
     return ""
 
 
@@ -89,23 +90,23 @@ def _tested_keys(file_poses: Mapping[str, Array], expected_poses: Mapping[str, A
     return np.array(sorted(keys))
 
 
-def _at_few_keys(file_poses: Array, expected_poses: Array, tested_keys: Array) -> str:
+def _few_wrong_keys_text(file_poses: Array, expected_poses: Array, tested_keys: Array) -> str:
     """Return that only this link differs, if it does so at few of its keys; else ""."""
-    if not _count_wrong(file_poses[tested_keys], expected_poses[tested_keys]) < len(tested_keys) / 2:
+    if not _count_wrong_keys(file_poses[tested_keys], expected_poses[tested_keys]) < len(tested_keys) / 2:
         return ""
     count = len(file_poses)
-    wrong = _count_wrong(file_poses, expected_poses)
+    wrong = _count_wrong_keys(file_poses, expected_poses)
     if wrong > max(_FEW_KEYS, count // 10):
         return ""
     keys = "one key" if wrong == 1 else f"{wrong} keys"
     return f"only this link differs, at {keys} of {count}"
 
 
-def _count_wrong(file_poses: Array, expected_poses: Array) -> int:
+def _count_wrong_keys(file_poses: Array, expected_poses: Array) -> int:
     """Return at how many keys the poses (k, 4, 4) differ."""
     wrong = 0
     for key in range(len(file_poses)):
-        if not _same(file_poses[[key]], expected_poses[[key]]):
+        if not _are_same_poses(file_poses[[key]], expected_poses[[key]]):
             wrong += 1
     return wrong
 
@@ -126,7 +127,7 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
         flip[axis, axis] = -1
         text = f"the frame is mirrored (left-handed): {name} has the opposite sign"
         mistakes.append((text, _mirrored(flip)))
-    for factor, text in _FACTORS.items():
+    for factor, text in _LENGTH_MISTAKES.items():
         mistakes.append((text, _scaled(factor)))
     return mistakes
 
@@ -154,11 +155,11 @@ def _reordered(order: list[int]) -> Callable[[Array], Array]:
     return mistake
 
 
-def _same(A: Array, B: Array) -> bool:
+def _are_same_poses(A: Array, B: Array) -> bool:
     """Return whether poses are equal but for rounding to single precision, relative to the size of the positions."""
     size = float(np.abs(B[..., :3, 3]).max(initial=0.0))
     distance = float(np.linalg.norm(A[..., :3, 3] - B[..., :3, 3], axis=-1).max())
-    if not distance < _SAME_POSITION * max(1.0, size):
+    if not distance < _POSITION_TOL * max(1.0, size):
         return False
     angle = float(poses.angle(A[..., :3, :3], B[..., :3, :3]).max())
-    return angle < _SAME_ANGLE
+    return angle < _ANGLE_TOL

@@ -14,12 +14,18 @@ Array = np.ndarray
 R_Z_UP_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation (3, 3) from a world with y up to a world with z up: y becomes z, z becomes -y."""
 
+_ZERO_SQUARED = 1e-24
+"""Square of the length of a quaternion up to which it is zero, and no rotation."""
+
+_SMALL_SINE = 1e-6
+"""Sine of half the rotation between two quaternions up to which they are interpolated linearly."""
+
 
 def rotation(xyzw: ArrayLike) -> Array:
     """Return rotations (..., 3, 3) of quaternions (..., 4) of any length; a zero quaternion gives the identity."""
     q = np.asarray(xyzw, float)
     squared = np.sum(q * q, axis=-1, keepdims=True)
-    usable = np.isfinite(squared) & (squared > 1e-24)
+    usable = np.isfinite(squared) & (squared > _ZERO_SQUARED)
     q = np.where(usable, q, [0.0, 0.0, 0.0, 1.0])
     q = q / np.sqrt(np.where(usable, squared, 1.0))
     v = q[..., :3]
@@ -104,7 +110,7 @@ def slerp(a: Array, b: Array, u: Array) -> Array:
     b = np.where(cosine < 0, -b, b)  # q and -q are one rotation: the nearer one gives the shorter way
     half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     sine = np.sin(half)
-    nearly_equal = sine < 1e-6  # equal quaternions: the arc has no direction, and its chord is exact enough
+    nearly_equal = sine < _SMALL_SINE  # equal quaternions: the arc has no direction, and its chord is exact enough
     sine = np.where(nearly_equal, 1.0, sine)
     u = np.asarray(u)[:, None]
     chord = (1 - u) * a + u * b

@@ -6,12 +6,12 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.report import Ledger
 
-_KINDS: Mapping[str, type] = {
+_ENTRY_TYPES: Mapping[str, type] = {
     "robot": str,
     "model_hash": str,
     "made_by": str,
@@ -38,14 +38,14 @@ SEVERITIES: Mapping[str, str] = {
 }
 """The verdict on files that have a finding of a severity and none that is worse."""
 
-DIGITS = 2e-5
+SAME_NUMBER_TOL = 2e-5
 """Largest relative difference of equal numbers, of which one has six digits."""
 
 
 def check_kinds(proof: JsonMapping, ledger: Ledger) -> bool:
     """Report entries that are missing or of another type; return whether there are none."""
     fits = True
-    for key, kind in _KINDS.items():
+    for key, kind in _ENTRY_TYPES.items():
         if not isinstance(proof.get(key), kind):
             text = f"'{key}' in proof.json is missing, or is not of the type that version 1 has."
             ledger.wrong("proof.schema", text, key, suggestion="export again")
@@ -120,7 +120,7 @@ def _fault_of_check(row: JsonMapping, known_files: set[str]) -> str:
     tolerance = row["tolerance"]
     if row["verdict"] != "agree" or worst is None or tolerance is None:
         return ""
-    if worst > tolerance + DIGITS * abs(tolerance):
+    if worst > tolerance + SAME_NUMBER_TOL * abs(tolerance):
         return f"agrees with {worst:g}, although its tolerance is {tolerance:g}"
     return ""
 
@@ -130,7 +130,7 @@ def _has_text(row: JsonMapping, key: str) -> bool:
     return isinstance(row.get(key), str) and bool(row[key])
 
 
-def is_number(value: Any) -> TypeGuard[int | float]:
+def is_number(value: object) -> TypeGuard[int | float]:
     """Return whether a value of JSON is a finite number."""
     # Python counts a bool as an int; true in JSON is not a number. Python's JSON may also hold NaN and Infinity.
     if not isinstance(value, int | float) or isinstance(value, bool):
@@ -141,8 +141,8 @@ def is_number(value: Any) -> TypeGuard[int | float]:
         return False
 
 
-def is_same_number(first: Any, second: Any) -> bool:
+def is_same_number(first: object, second: object) -> bool:
     """Return whether two numbers are equal but for the digits of a text, or both are None."""
     if not is_number(first) or not is_number(second):
         return first is None and second is None
-    return abs(first - second) <= DIGITS * max(abs(first), abs(second))
+    return abs(first - second) <= SAME_NUMBER_TOL * max(abs(first), abs(second))

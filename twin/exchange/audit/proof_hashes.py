@@ -6,7 +6,7 @@ import hashlib
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
@@ -38,7 +38,7 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
         if row["file"] in listed:
             ledger.wrong("proof.doubled", f"proof.json lists '{row['file']}' twice, or itself.", row["file"])
         listed.add(row["file"])
-        wrong_count += not _fits(folder, row, ledger)
+        wrong_count += not _is_as_listed(folder, row, ledger)
     for name in sorted(_visible_files(folder) - listed):
         text = f"'{name}' is in the folder, but not listed in proof.json."
         ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
@@ -59,7 +59,7 @@ def _visible_files(folder: Path) -> set[str]:
     return names
 
 
-def _object(doubled_keys: list[str], pairs: list[tuple[str, Any]]) -> JsonObject:
+def _object(doubled_keys: list[str], pairs: list[tuple[str, object]]) -> JsonObject:
     """Return a JSON object; keys that it has twice are added to a list: readers differ in which entry they take."""
     entries: JsonObject = {}
     for key, value in pairs:
@@ -76,7 +76,7 @@ def _are_files(rows: object) -> TypeGuard[list[JsonObject]]:
     return all(isinstance(row, dict) and isinstance(row.get("file"), str) for row in rows)
 
 
-def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
+def _is_as_listed(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
     """Report a listed file that is missing, outside the folder or changed; return whether it is none of these."""
     name = row["file"]
     try:

@@ -22,7 +22,7 @@ from twin.exchange.audit.proof_origin import (
 from twin.exchange.audit.repeated_checks import check_export_findings, check_places, check_repeated
 from twin.exchange.audit.report import Check, Ledger
 
-_CHANGED = ("proof.hash", "proof.missing", "proof.unlisted", "proof.file", "proof.doubled")
+_CODES_OF_CHANGED_FILES = ("proof.hash", "proof.missing", "proof.unlisted", "proof.file", "proof.doubled")
 """Codes of the findings that the folder has not the files that proof.json lists."""
 
 
@@ -34,7 +34,7 @@ def check_statements(
     `proof` is the content of the proof.json in `folder`, as `check_proof` returns it: its `files` are valid. `checks`
     are those of this audit on the other files.
     """
-    before = len(ledger.found)
+    count_before = len(ledger.found)
     if not check_kinds(proof, ledger):
         return
     check_origin(proof, contents, ledger)
@@ -45,15 +45,15 @@ def check_statements(
     check_budgets(proof, ledger)
     audit_checks = list(checks)
     # The measurements belong to the files of the export, and to this version of the audit.
-    changed = any(finding.code in _CHANGED for finding in ledger.found)
-    if audit_checks and not changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
+    is_changed = any(finding.code in _CODES_OF_CHANGED_FILES for finding in ledger.found)
+    if audit_checks and not is_changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
         tracks = {content.file for content in contents if content.is_track}
         check_repeated(proof["checks"], audit_checks, tracks, ledger)
         check_places(proof, contents, audit_checks, ledger)
         check_export_findings(proof["findings"], ledger)
     _check_verdict(proof, ledger)
     wrong = 0
-    for finding in ledger.found[before:]:
+    for finding in ledger.found[count_before:]:
         wrong += finding.severity != "info"
     ledger.row("statements of proof.json", float(wrong), "found", 0.0, against="the files")
 

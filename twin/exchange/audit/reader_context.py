@@ -50,7 +50,7 @@ class JointTree(Protocol):
         ...
 
 
-def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
+def _is_model_of_clip(stem: str, clip: str, models: Sequence[str]) -> bool:
     """Return whether the joint values of a clip are applied to a model file (MJCF or URDF) with the name `stem`.
 
     A model named <robot>_<clip> is used only for the clip <clip>, and the clip uses no other model. If a clip has no
@@ -76,7 +76,7 @@ def played(tree: JointTree, path: Path, ledger: Ledger, context: Context) -> Con
     """
     for track in context.tracks:
         for clip in track.clips:
-            if _plays(path.stem, clip.name, context.models):
+            if _is_model_of_clip(path.stem, clip.name, context.models):
                 tree.content.clips.append(tree.play(clip))
         low = track.extra.get("lower", {})
         high = track.extra.get("upper", {})

@@ -8,17 +8,17 @@ from collections.abc import Collection, Iterable, Sequence
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.named_parts import has_all_names, named_parts
-from twin.exchange.audit.proof_form import DIGITS, WRITER, is_number, is_same_number
+from twin.exchange.audit.proof_form import SAME_NUMBER_TOL, WRITER, is_number, is_same_number
 from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.sampled_states import CLIP
 
 _CheckKey = tuple[str, str, str]
 """(name, file, what it is compared with) of a check."""
 
-_OTHERS = "the other files"
+_OTHER_FILES = "the other files"
 """What quantities of mechanism and shapes are compared with; an export has its mechanism among them."""
 
-_REPEATED = 0.1
+_MAX_DIFFERENCE = 0.1
 """Largest difference between a stated measurement and the audit's own, as a fraction of its tolerance."""
 
 _ROUNDING = 1e-12
@@ -30,10 +30,10 @@ _TIME = re.compile(r"t = (\d+(?:\.\d+)?(?:e[+-]?\d+)?) s")
 _TIME_ROUNDING = 1e-3
 """Part by which a time may be above the end of the motions: twice what rounding to four digits adds at most."""
 
-_QUOTED = re.compile(r"'([^']*)'")
+_QUOTED_NAME = re.compile(r"'([^']*)'")
 """Name in the place of a measurement, such as q1 in "joint 'q1'"."""
 
-_LIBRARY = " on "
+_LIBRARY_MARK = " on "
 """Before the library in the tool of a check, such as "twin.exchange.audit on usd-core"."""
 
 _EXPORT_CODES = (
@@ -51,7 +51,7 @@ _EXPORT_CODES = (
 )
 """Codes of the findings that an export has beside those of its audit."""
 
-_PLACED = ("export.left_out", "export.urdf_coupling", "export.urdf_loops")
+_CODES_WITH_OBJECTS = ("export.left_out", "export.urdf_coupling", "export.urdf_loops")
 """Those whose message names all objects of their place."""
 
 
@@ -85,8 +85,8 @@ def check_repeated(
         elif same_checks and not any(_repeats(row, check) for check in same_checks):
             check = same_checks[0]
             text = (
-                f"the check '{check.check[:80]}' of {check.file} is stated as {_shown(row)}; this audit has "
-                f"{_shown(check.as_dict())}."
+                f"the check '{check.check[:80]}' of {check.file} is stated as {_measurement_text(row)}; this audit has "
+                f"{_measurement_text(check.as_dict())}."
             )
             ledger.wrong("proof.check", text, check.file, suggestion="export again")
     for name, file, against in checks_by_key:
@@ -106,7 +106,7 @@ def _key_of(row: JsonMapping) -> _CheckKey:
 
 
 def _repeats(row: JsonMapping, check: Check) -> bool:
-    """Return whether a stated check is one of this audit, within `_REPEATED` of its tolerance."""
+    """Return whether a stated check is one of this audit, within `_MAX_DIFFERENCE` of its tolerance."""
     if (
         row.get("unit") != check.unit
         or row.get("tool") != check.tool
@@ -114,7 +114,7 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
     ):
         return False
     # The version of a check on a library is that of the library, which another machine may have otherwise.
-    is_of_format = check.tool.startswith("twin.") and _LIBRARY not in check.tool
+    is_of_format = check.tool.startswith("twin.") and _LIBRARY_MARK not in check.tool
     if is_of_format and row.get("version") != check.version:
         return False
     worst = row.get("worst")
@@ -128,10 +128,10 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
             return False
         if bool(row.get("where")) != bool(check.where) or bool(row.get("when")) != bool(check.when):
             return False
-    return abs(worst - check.worst) <= _REPEATED * check.tolerance + DIGITS * abs(check.worst)
+    return abs(worst - check.worst) <= _MAX_DIFFERENCE * check.tolerance + SAME_NUMBER_TOL * abs(check.worst)
 
 
-def _shown(row: JsonMapping) -> str:
+def _measurement_text(row: JsonMapping) -> str:
     """Return the measurement of a check as text: size, tolerance, place, time and tool."""
     size = f"{row.get('worst')} {row.get('unit')} (tolerance {row.get('tolerance')})"
     place = f"at '{row.get('where')}', '{row.get('when')}'"
@@ -146,51 +146,51 @@ def check_places(proof: JsonMapping, contents: Sequence[Content], checks: Iterab
     checks against all other files are judged only if there is a stage, which holds all.
     """
     names = named_parts(contents)
-    forms = set()
+    quoted_forms = set()
     moments = set()
     repeated = set()
     for check in checks:
-        names.update(_named(check.where))
-        forms.add(_QUOTED.sub("''", check.where))
+        names.update(_names_in_place(check.where))
+        quoted_forms.add(_QUOTED_NAME.sub("''", check.where))
         moments.add(check.when)
         repeated.add((check.check, check.file, check.against))
     has_tracks = any(content.is_track and content.clips for content in contents)
-    last = 0.0
+    end = 0.0
     for clip in proof["clips"]:
         if is_number(clip.get("duration_s")):
-            last = max(last, clip["duration_s"])
+            end = max(end, clip["duration_s"])
     for row in proof["checks"]:
         subject = f"the check '{str(row.get('check'))[:80]}' of '{row.get('file')}' in proof.json"
         where = str(row.get("where"))
-        form = _QUOTED.sub("''", where)
-        is_known = names.issuperset(_named(where)) and ("'" not in where or form in forms)
+        form = _QUOTED_NAME.sub("''", where)
+        is_known = names.issuperset(_names_in_place(where)) and ("'" not in where or form in quoted_forms)
         is_writers = row.get("tool") == WRITER and has_tracks
         is_repeated = _key_of(row) in repeated
-        if row.get("against") == _OTHERS:
+        if row.get("against") == _OTHER_FILES:
             is_repeated = is_repeated and has_all_names(contents)
         if not is_known and (is_writers or is_repeated):
             text = f"{subject} is worst at '{where[:80]}', which no file has."
             ledger.wrong("proof.check", text, "where", suggestion="export again")
         when = str(row.get("when"))
-        if when not in moments and not _is_time(when, last):
-            text = f"{subject} is worst at '{when[:80]}'; the motions are from t = 0 s to t = {last:.6g} s."
+        if when not in moments and not _is_time(when, end):
+            text = f"{subject} is worst at '{when[:80]}'; the motions are from t = 0 s to t = {end:.6g} s."
             ledger.wrong("proof.check", text, "when", suggestion="export again")
 
 
-def _named(where: str) -> list[str]:
+def _names_in_place(where: str) -> list[str]:
     """Return the names in a place: those in quotes; without quotes, the last part of a path."""
     if "'" in where:
-        return _QUOTED.findall(where)
+        return _QUOTED_NAME.findall(where)
     name = where.rsplit("/", 1)[-1]
     if not name:
         return []
     return [name]
 
 
-def _is_time(when: str, last: float) -> bool:
-    """Return whether a moment is a time from 0 to `last` in s, rounded to four digits."""
+def _is_time(when: str, end: float) -> bool:
+    """Return whether a moment is a time from 0 to `end` in s, rounded to four digits."""
     time = _TIME.fullmatch(when)
-    return time is not None and 0.0 <= float(time[1]) <= last * (1 + _TIME_ROUNDING)
+    return time is not None and 0.0 <= float(time[1]) <= end * (1 + _TIME_ROUNDING)
 
 
 def check_export_findings(rows: Sequence[JsonMapping], ledger: Ledger) -> None:
@@ -203,10 +203,10 @@ def check_export_findings(rows: Sequence[JsonMapping], ledger: Ledger) -> None:
         if code not in _EXPORT_CODES:
             ledger.wrong("proof.finding", f"proof.json has a finding with the code '{code[:80]}', which twin has not.")
         where = str(row.get("where"))
-        if code in _PLACED and not (where and all(name in message for name in where.split(", "))):
+        if code in _CODES_WITH_OBJECTS and not (where and all(name in message for name in where.split(", "))):
             text = f"the finding '{message[:80]}…' in proof.json is at '{where[:80]}', which its message does not name."
             ledger.wrong("proof.finding", text, "where")
-        if code in _PLACED:
+        if code in _CODES_WITH_OBJECTS:
             for key in ("when", "size", "unit", "limit", "cause"):
                 if row.get(key):
                     text = f"the finding '{message[:80]}…' in proof.json has {key} '{str(row[key])[:80]}'; it has none."

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from twin.core import format
 from twin.core.errors import BudgetError, SourceError
@@ -30,7 +30,7 @@ MOST_FINDINGS = 5
 """Maximum number of findings with the same code in one file; the last finding states how many were omitted."""
 
 
-_OF_CERTIFICATES = ("claim", "bound", "workspace", "protocol")
+_CERTIFICATE_CHECKS = ("claim", "bound", "workspace", "protocol")
 """Checks of the certificates of `twin prove`, which are compared with nothing but what they claim."""
 
 
@@ -103,7 +103,7 @@ class AuditReport(Result):
         if any(check.against for check in self.checks):
             return "PASS: all files are valid and consistent with each other"
         names = {check.check for check in self.checks}
-        if not names.isdisjoint(_OF_CERTIFICATES):
+        if not names.isdisjoint(_CERTIFICATE_CHECKS):
             return "VALID: what the certificate claims holds wherever it was tried"
         return "VALID: the file is well formed; there is nothing to compare it with"
 
@@ -120,7 +120,7 @@ class AuditReport(Result):
         checks = self.checks if everything else worst(self.checks)
         if checks:
             titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
-            yield TextTable(titles, list(map(_row, checks)))
+            yield TextTable(titles, list(map(_row_of_check, checks)))
             yield ""
         shown_count = 0
         for reported in by_severity(self.findings):
@@ -152,12 +152,12 @@ def worst(checks: Sequence[Check]) -> list[Check]:
     for check in checks:
         kind = re.sub(r"clip '[^']*': | against [^,]*|, \d.*|\d+", "", check.check)
         first = kinds.setdefault(kind, check)
-        if _badness(check) > _badness(first):
+        if _severity_of_check(check) > _severity_of_check(first):
             kinds[kind] = check
     return list(kinds.values())
 
 
-def _badness(check: Check) -> tuple[bool, float]:
+def _severity_of_check(check: Check) -> tuple[bool, float]:
     """Return what decides which of two checks of a kind is worse: first the verdict, then the deviation."""
     return check.verdict != "agree", check.worst or 0.0
 
@@ -176,7 +176,7 @@ def _row_of_file(file: JsonMapping) -> tuple[str, ...]:
     return file["file"], units, up, handedness, links, ", ".join(clips) or "-"
 
 
-def _row(check: Check) -> tuple[str, ...]:
+def _row_of_check(check: Check) -> tuple[str, ...]:
     """Return a check's row in the table of checks."""
     size = _displayed(check.worst, check.unit)
     if format.is_exact(check.worst, check.unit, check.tolerance):
@@ -297,9 +297,18 @@ class Ledger:
         advice = suggestion or ADVICE.get(code) or ADVICE.get(code.partition(".")[2], "")
         self.found.append(finding(severity, code, place, message, measured, bound, advice, when=when, word=""))
 
-    def wrong(self, code: str, message: str, where: str = "", **options: Any) -> None:
+    def wrong(
+        self,
+        code: str,
+        message: str,
+        where: str = "",
+        *,
+        size: Measured | float | None = None,
+        when: str = "",
+        suggestion: str = "",
+    ) -> None:
         """Add a finding of severity "disagreement"; for the arguments see `add`."""
-        self.add(code, "disagreement", message, where, **options)
+        self.add(code, "disagreement", message, where, size=size, when=when, suggestion=suggestion)
 
     def row(
         self,
@@ -344,7 +353,16 @@ class Ledger:
         return findings
 
 
-_STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
+_MALFORMED_INPUT_ERRORS = (
+    KeyError,
+    IndexError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+    MemoryError,
+)
 """Exceptions that the readers may raise for malformed input."""
 
 Read = TypeVar("Read")
@@ -360,7 +378,7 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
         ledger.add("file.budget", "error", f"{error}")
     except OSError as error:
         ledger.add("file.unreadable", "error", f"the file cannot be read: {error.strerror or error}.")
-    except _STRANGE as error:
+    except _MALFORMED_INPUT_ERRORS as error:
         # The message of an exception may quote the whole file.
         text = f"the file is malformed: {type(error).__name__}, {str(error)[:120]}."
         ledger.add("file.malformed", "error", text)

@@ -41,7 +41,7 @@ def compare_joints(content: Content, truth: FileMechanism, source: str = MECHANI
             name = f"{joint.parent} to {joint.child}"  # fixed joints may have no name
             if joint.names:
                 name = joint.names[0]
-            distance, angles[name] = _misfit(joint, links)
+            distance, angles[name] = _deviation_from_joint(joint, links)
             if distance is not None:
                 distances[name] = distance
     if not angles:
@@ -68,7 +68,7 @@ def compare_joints(content: Content, truth: FileMechanism, source: str = MECHANI
     ledger.placed |= source == MECHANISM
 
 
-def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None, float]:
+def _deviation_from_joint(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None, float]:
     """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows.
 
     The distance is None if the joint has no point whose positions are known to be on a line or a plane, such as two

@@ -7,11 +7,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from twin.core.foreign.budget import check_size
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.exchange.audit.clip_references import references
 from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.audit.file_content import Content
@@ -76,7 +76,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
         for stage in sorted((folder / "usd").glob("*.usda")):
             ledgers.append(audit_stage(stage, motions))
     # scene.json has the checks of the scene's stage if the scene was exported to USD
-    states_usd = isinstance(data, dict) and bool(data.get("checks"))
+    states_usd = bool(data.get("checks"))
     ledgers += audit_deformables(folder, states_usd or (folder / "usd").is_dir())
     return contents, ledgers
 
@@ -94,14 +94,17 @@ def _prefix(ledger: Ledger, name: str) -> None:
     ledger.found = findings
 
 
-def _scene_data(file: Path, ledger: Ledger) -> Any:
-    """Return what scene.json contains; if it is no JSON, report this and return a scene without robots."""
+def _scene_data(file: Path, ledger: Ledger) -> JsonObject:
+    """Return what scene.json contains; if it is no JSON object, report this and return a scene without robots."""
     check_size(file, "JSON")
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(data, dict):
+            raise TypeError("it is not an object")
+    except (ValueError, TypeError, RecursionError) as error:
         _report_unreadable(error, ledger)
         return {"robots": []}
+    return data
 
 
 def _report_unreadable(error: Exception, ledger: Ledger) -> None:
@@ -110,7 +113,7 @@ def _report_unreadable(error: Exception, ledger: Ledger) -> None:
     ledger.add("scene.unreadable", "error", text)
 
 
-def _robots(folder: Path, data: Any, ledger: Ledger) -> Iterator[_RobotEntry]:
+def _robots(folder: Path, data: JsonMapping, ledger: Ledger) -> Iterator[_RobotEntry]:
     """Yield the robots in the `data` of scene.json; report unusable entries."""
     try:
         rows = []
@@ -119,7 +122,12 @@ def _robots(folder: Path, data: Any, ledger: Ledger) -> Iterator[_RobotEntry]:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         _report_unreadable(error, ledger)
         return
+    names: set[str] = set()
     for name, protocol, rows_of_T, folder_name in rows:
+        if name in names:  # one prim of the stages cannot have the links of both
+            ledger.add("scene.robots", "error", f"two robots are named '{name}'.", name)
+            continue
+        names.add(name)
         try:
             T = np.array(rows_of_T, float)
         except (ValueError, TypeError):
@@ -163,7 +171,7 @@ def _is_pose(T: Array) -> bool:
     return is_orthonormal and bool(np.linalg.det(R) > 0) and has_last_row
 
 
-def _objects(data: Any, ledger: Ledger) -> dict[str, Array]:
+def _objects(data: JsonMapping, ledger: Ledger) -> dict[str, Array]:
     """Return {object: T_world_object (1, 4, 4)} of the movable objects in the `data` of scene.json.
 
     If an entry is unusable, it is reported, and the result is {}.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.usd.read.tool import with_tool
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 class Findings(list[Finding]):
@@ -143,14 +145,14 @@ class Names:
 
 
 def unique_identifiers(
-    kind: str, names_in_file: Iterable[tuple[Hashable, str]], used_names: Collection[str], findings: Findings
-) -> dict[Any, str]:
+    kind: str, names_in_file: Iterable[tuple[Key, str]], used_names: Collection[str], findings: Findings
+) -> dict[Key, str]:
     """Return for each key a unique identifier that is not in use; add a finding for each changed name.
 
     `names_in_file` contains (key, name in the file) of each object, `used_names` the identifiers already in use. `kind`
     is the noun for the objects in the findings, such as "joint".
     """
-    identifiers: dict[Any, str] = {}
+    identifiers: dict[Key, str] = {}
     for key, name in names_in_file:
         plain_name = identifier(name)
         free = plain_name

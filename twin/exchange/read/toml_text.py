@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import SupportsFloat
 
 from twin.core import spatial
 from twin.core.json_types import JsonMapping, JsonObject
@@ -12,7 +12,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
 
-def toml(value: Any) -> str:
+def toml(value: object) -> str:
     """Return a truth value, text, number, list or inline table (mapping) as TOML.
 
     Keys whose value is None are omitted, because TOML has no null value.
@@ -27,6 +27,7 @@ def toml(value: Any) -> str:
         return f"{{ {', '.join(rows(value))} }}"
     if isinstance(value, Iterable):
         return f"[{', '.join(map(toml, value))}]"
+    assert isinstance(value, SupportsFloat), "TOML has no such value"
     return repr(float(value) + 0.0)  # turns -0.0 into 0.0
 
 
@@ -39,7 +40,7 @@ def rows(values: JsonMapping) -> list[str]:
     return lines
 
 
-def table(header: str, **values: Any) -> list[str]:
+def table(header: str, **values: object) -> list[str]:
     """Return the lines of a TOML section: an empty line, a header such as "[tool]", and values that are not None."""
     return ["", header, *rows(values)]
 

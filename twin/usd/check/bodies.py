@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom, UsdPhysics
+from pxr import Gf, Usd, UsdGeom, UsdPhysics
 
 from twin.core.errors import StageError
 from twin.core.findings import Finding, Kind, info, warning
@@ -25,7 +24,7 @@ QUATERNION_TOL = 1e-4
 COM_MARGIN = 1 * MM
 """Maximum distance in m of a centre of mass from the bounding box of the meshes; meshes may be thin or coarse."""
 
-GYRATION = (0.02, 1.0)
+GYRATION_RANGE = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
 EXTENT_TOL = 1e-4
@@ -34,7 +33,7 @@ EXTENT_TOL = 1e-4
 FLAT = 1e-7
 """Volume per surface area and diagonal of the bounding box below which a closed mesh is a sheet with two sides."""
 
-LARGEST = 20.0
+MAX_LINK_DIAGONAL = 20.0
 """Diagonal in m of a link's bounding box above which the unit of length is probably wrong."""
 
 
@@ -57,9 +56,9 @@ _INERTIA_SIZE = Kind(
     "disagreement",
     "author the inertia in kg m2 about the centre of mass; 1 kg m2 is 1e6 kg mm2 or 1e9 g mm2",
 )
-_PARTLY = "none is needed if the shapes that this file omits, or that are for display only, explain it"
-_COM_NOTE = replace(_COM, severity="info", suggestion=_PARTLY)
-_INERTIA_SIZE_NOTE = replace(_INERTIA_SIZE, severity="info", suggestion=_PARTLY)
+_ADVICE_FOR_PARTS = "none is needed if the shapes that this file omits, or that are for display only, explain it"
+_COM_NOTE = replace(_COM, severity="info", suggestion=_ADVICE_FOR_PARTS)
+_INERTIA_SIZE_NOTE = replace(_INERTIA_SIZE, severity="info", suggestion=_ADVICE_FOR_PARTS)
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
 _POINT_INDEX = Kind("stage.point_index", "disagreement", "number the points from 0 to their count minus 1")
@@ -112,12 +111,12 @@ def _check_size(scene: RawStage, path: str, box: tuple[Array, Array] | None) -> 
     if box is None:
         return
     diagonal = float(np.linalg.norm(box[1] - box[0]))
-    if diagonal > LARGEST:
+    if diagonal > MAX_LINK_DIAGONAL:
         reason = f"is too large for the stage's unit of {scene.meters:g} m"
         if scene.meters == 1:
             reason = "seems to be in millimetres, but the stage is in metres"
         text = f"body {path} {reason}; diagonal of the body's meshes"
-        yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
+        yield _SIZE(path, text, Quantity(diagonal, "m"), MAX_LINK_DIAGONAL)
 
 
 def _has_mass(prim: Usd.Prim) -> bool:
@@ -145,7 +144,7 @@ def _check_mass(
         return
     # Meshes that do not show the whole body cannot show that its mass is wrong.
     is_whole_body = shows_all(scene, prim)
-    center = _numbers(api.GetCenterOfMassAttr().Get(), -np.inf) * scene.meters
+    center = _three_numbers(api.GetCenterOfMassAttr().Get(), -np.inf) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
         low, high = box
         outside = np.maximum(np.maximum(low - center, center - high), 0)
@@ -154,12 +153,12 @@ def _check_mass(
             kind = _COM if is_whole_body else _COM_NOTE
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield kind(path, text, mm(gap), mm(COM_MARGIN))
-    moments = _numbers(api.GetDiagonalInertiaAttr().Get(), 0.0) * scene.kilograms * scene.meters**2
+    moments = _three_numbers(api.GetDiagonalInertiaAttr().Get(), 0.0) * scene.kilograms * scene.meters**2
     if np.any(moments):
         yield from _check_inertia(path, mass, moments, box, is_whole_body)
 
 
-def _numbers(stated: Any, fallback: float) -> Array:
+def _three_numbers(stated: Gf.Vec3f | None, fallback: float) -> Array:
     """Return three numbers, or a fallback of the schema three times if an attribute is blocked."""
     if stated is None:
         return np.full(3, fallback)
@@ -197,7 +196,7 @@ def _check_inertia(
     if not diagonal > 0:
         return
     gyration = float(np.sqrt(np.max(moments) / mass))
-    smallest, greatest = GYRATION
+    smallest, greatest = GYRATION_RANGE
     if smallest < gyration / diagonal < greatest:
         return
     limit = smallest * diagonal
