@@ -107,7 +107,7 @@ def test_info_warns_of_a_singular_home_and_new_does_not_pick_it(drawn, tmp_path,
     capsys.readouterr()
     assert cli.main(["info", str(folder), "--json"]) == 0
     assert "home.singular" not in capsys.readouterr().out
-    from twin.exchange.read.robot_folder import describe
+    from twin.exchange.read.description_text import describe
 
     (folder / "cad/own.toml").write_text(
         describe(replace(drawn.mechanism, name="own"), "knees.xml")

@@ -7,7 +7,7 @@
     loop_closing      find a pose in which the loops close; report remaining gaps
     assumed_drives    drives for driven joints for which the file states no gains
     fitting_faces     fitting faces of the solids of a STEP assembly; proposals: joints that these faces propose
-    robot_folder      write the robot folder: description, meshes, notes; initial formula and protocol (templates)
+    robot_folder      write the robot folder with description_text, mesh_output, and initial files (templates)
     pose_table        tables of measured poses, which `twin validate` compares with a robot
 
 The readers are the modules `read` in twin.exchange.formats. Files of all formats are only read; no code in them is run.

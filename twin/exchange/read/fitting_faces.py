@@ -1,6 +1,6 @@
 """Find fitting faces of different bodies in a STEP file: pin and bore, rail and bush, ball and socket.
 
-Two faces also fit if their axes or centres differ by less than `GROSS`; the difference is then reported.
+Two faces also fit if their axes or centres differ by less than `NEAR_FIT`; the difference is then reported.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 
-GROSS = (1.0 * MM, 2.0 * DEG)
+NEAR_FIT = (1.0 * MM, 2.0 * DEG)
 """Maximum distance in m between the axes or centres of two fitting faces, and maximum angle in rad between the axes."""
 
-_APART = 0.01 * MM
+_COINCIDENCE = 0.01 * MM
 """Distance in m below which two axes or two centres count as coincident."""
 
-_TILT = 0.01 * DEG
+_PARALLEL_ANGLE = 0.01 * DEG
 """Angle in rad below which two axes count as parallel."""
 
-_CLEARANCE = (0.1 * MM, 0.1)
+_MAX_CLEARANCE = (0.1 * MM, 0.1)
 """Maximum difference between the radii of a pin and its bore: in m, and as a fraction of the smaller radius.
 
 The larger of the two limits applies.
 """
 
-_PLAY = (0.001 * MM, 0.3 * MM)
+_MOVABLE_CLEARANCE = (0.001 * MM, 0.3 * MM)
 """Minimum and maximum difference in m between the two radii of a movable fit."""
 
-_ONE_AXIS = (0.1 * MM, 0.1 * DEG)
+_SAME_AXIS = (0.1 * MM, 0.1 * DEG)
 """Distance in m and angle in rad below which two faces of one body count as faces on the same axis."""
 
 
 @dataclass(frozen=True, eq=False)  # == of arrays has no single truth value
-class Round:
+class RoundFace:
     """A cylindrical or spherical face of a body.
 
     Attributes:
@@ -62,7 +62,7 @@ class Round:
         corners = self.part.vertices[self.part.triangles]  # (n, 3, 3)
         offset = corners - self.face.point
         radial = offset - (offset @ self.face.direction)[..., None] * self.face.direction
-        on_face = np.all(np.abs(np.linalg.norm(radial, axis=-1) - self.face.radius) < _APART, axis=1)
+        on_face = np.all(np.abs(np.linalg.norm(radial, axis=-1) - self.face.radius) < _COINCIDENCE, axis=1)
         # Not normalised: by their area, slivers with inexact normals count less.
         normal = np.cross(corners[on_face, 1] - corners[on_face, 0], corners[on_face, 2] - corners[on_face, 0])
         outwards = np.sum(normal * radial[on_face].mean(axis=1))
@@ -70,7 +70,7 @@ class Round:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class FacePair:
     """A fit: two round faces of different bodies, such as a pin and its bore.
 
     Attributes:
@@ -81,8 +81,8 @@ class Pair:
     """
 
     kind: Literal["coaxial", "concentric"]
-    a: Round
-    b: Round
+    a: RoundFace
+    b: RoundFace
     overlap: float
     offset: float
     tilt: float
@@ -95,7 +95,7 @@ class Pair:
     @property
     def near(self) -> bool:
         """Whether the two axes or centres are close, but do not coincide."""
-        return self.offset >= _APART or self.tilt >= _TILT
+        return self.offset >= _COINCIDENCE or self.tilt >= _PARALLEL_ANGLE
 
     @property
     def miss(self) -> float:
@@ -120,7 +120,7 @@ class Pair:
 
     def movable(self) -> bool:
         """Return whether one face is a pin or ball, and the other a bore or cup in which it can move."""
-        smallest, largest = _PLAY
+        smallest, largest = _MOVABLE_CLEARANCE
         if not smallest < self.clearance < largest:
             return False
         shaft = self.a
@@ -130,7 +130,7 @@ class Pair:
         return shaft.outward() > 0 > bore.outward()
 
 
-def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
+def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[FacePair]:
     """Return the fits between bodies, in the order of the bodies.
 
     For each pair of bodies, fits with coincident axes or centres come first. Of several fits on one axis, only one is
@@ -142,7 +142,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     candidates = [*_coaxial(cylinders), *_concentric(spheres)]
     # The best of several fits on one axis comes first, and the others are then left out.
     candidates.sort(key=lambda p: (p.near, p.clearance, -p.overlap))
-    by_bodies: dict[tuple[str, str], list[Pair]] = {}
+    by_bodies: dict[tuple[str, str], list[FacePair]] = {}
     for pair in candidates:
         fits = by_bodies.setdefault((pair.a.body, pair.b.body), [])
         if _on_axis_of_one(pair, fits):
@@ -150,7 +150,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
         # Faces that do not coincide count only if one is a pin (or ball) and the other a bore (or cup).
         if not pair.near or (pair.miss < 1 and pair.a.outward() * pair.b.outward() < 0):
             fits.append(pair)
-    pairs: list[Pair] = []
+    pairs: list[FacePair] = []
     for fits in by_bodies.values():
         pairs += fits
     order = list(parts)
@@ -158,7 +158,7 @@ def find_pairs(parts: Mapping[str, Sequence[Part]]) -> list[Pair]:
     return pairs
 
 
-def _on_axis_of_one(pair: Pair, fits: Sequence[Pair]) -> bool:
+def _on_axis_of_one(pair: FacePair, fits: Sequence[FacePair]) -> bool:
     """Return whether one of the fits of the same two bodies has the axes or centres of `pair`."""
     for fit in fits:
         if fit.kind != pair.kind:
@@ -168,7 +168,7 @@ def _on_axis_of_one(pair: Pair, fits: Sequence[Pair]) -> bool:
     return False
 
 
-def same_axis(first: Round, second: Round, tolerances: tuple[float, float] = _ONE_AXIS) -> bool:
+def same_axis(first: RoundFace, second: RoundFace, tolerances: tuple[float, float] = _SAME_AXIS) -> bool:
     """Return whether two faces of one body have the same axis or centre.
 
     `tolerances` are a distance in m and an angle in rad.
@@ -181,7 +181,7 @@ def same_axis(first: Round, second: Round, tolerances: tuple[float, float] = _ON
     return tilt < tolerances[1] and distance < tolerances[0]
 
 
-def _rounds(parts: Mapping[str, Sequence[Part]], kind: Literal["cylinder", "sphere"]) -> list[Round]:
+def _rounds(parts: Mapping[str, Sequence[Part]], kind: Literal["cylinder", "sphere"]) -> list[RoundFace]:
     """Return the round faces of one kind, in the order of the bodies and parts."""
     rounds = []
     for body, body_parts in parts.items():
@@ -192,7 +192,7 @@ def _rounds(parts: Mapping[str, Sequence[Part]], kind: Literal["cylinder", "sphe
                 reach = (0.0, 0.0)
                 if kind == "cylinder":
                     reach = _reach(part, face)
-                rounds.append(Round(body, part, face, reach))
+                rounds.append(RoundFace(body, part, face, reach))
     return rounds
 
 
@@ -201,18 +201,18 @@ def _reach(part: Part, face: Face) -> tuple[float, float]:
     offset = part.vertices - face.point
     along = offset @ face.direction
     radius = np.linalg.norm(offset - along[:, None] * face.direction, axis=1)
-    on_face = along[np.abs(radius - face.radius) < _APART]
+    on_face = along[np.abs(radius - face.radius) < _COINCIDENCE]
     if not len(on_face):
         return 0.0, 0.0
     return float(on_face.min()), float(on_face.max())
 
 
-def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
+def _coaxial(rounds: list[RoundFace]) -> Iterator[FacePair]:
     """Yield the coaxial fits of cylinders: each cylinder is compared with all later ones at once."""
     if not rounds:
         return
-    max_distance, max_tilt = GROSS
-    max_clearance, max_fraction = _CLEARANCE
+    max_distance, max_tilt = NEAR_FIT
+    clearance_limit, clearance_share = _MAX_CLEARANCE
     points = np.zeros((len(rounds), 3))
     directions = np.zeros((len(rounds), 3))
     radii = np.zeros(len(rounds))
@@ -235,19 +235,19 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
         fits = bodies[later] != first.body
         fits &= tilt < max_tilt
         fits &= distance < max_distance + departure
-        fits &= clearance <= np.maximum(max_clearance, max_fraction * np.minimum(radii[later], radii[number]))
+        fits &= clearance <= np.maximum(clearance_limit, clearance_share * np.minimum(radii[later], radii[number]))
         for offset_number in np.flatnonzero(fits):
             second = rounds[number + 1 + offset_number]
             low, high = shared(first, second)
-            if high - low < _APART:
+            if high - low < _COINCIDENCE:
                 continue
             middle = first.face.point + 0.5 * (low + high) * first.face.direction
             middle_distance = float(spatial.point_to_line(middle, second.face.point, second.face.direction))
             if middle_distance < max_distance:
-                yield Pair("coaxial", first, second, high - low, middle_distance, float(tilt[offset_number]))
+                yield FacePair("coaxial", first, second, high - low, middle_distance, float(tilt[offset_number]))
 
 
-def shared(first: Round, second: Round) -> tuple[float, float]:
+def shared(first: RoundFace, second: RoundFace) -> tuple[float, float]:
     """Return the interval (start, end) in which two cylinders overlap along the axis of the first.
 
     Both ends are distances in m from `first.face.point`.
@@ -261,10 +261,10 @@ def shared(first: Round, second: Round) -> tuple[float, float]:
     return max(first.reach[0], offset + start), min(first.reach[1], offset + end)
 
 
-def _concentric(rounds: list[Round]) -> Iterator[Pair]:
+def _concentric(rounds: list[RoundFace]) -> Iterator[FacePair]:
     """Yield the concentric fits of spheres."""
-    max_distance, _ = GROSS
-    max_clearance, max_fraction = _CLEARANCE
+    max_distance, _ = NEAR_FIT
+    clearance_limit, clearance_share = _MAX_CLEARANCE
     for number, first in enumerate(rounds):
         for second in rounds[number + 1 :]:
             if first.body == second.body:
@@ -272,8 +272,8 @@ def _concentric(rounds: list[Round]) -> Iterator[Pair]:
             distance = float(np.linalg.norm(first.face.point - second.face.point))
             smaller = min(first.face.radius, second.face.radius)
             clearance = abs(first.face.radius - second.face.radius)
-            if distance < max_distance and clearance <= max(max_clearance, max_fraction * smaller):
-                yield Pair("concentric", first, second, 2 * smaller, distance, 0.0)
+            if distance < max_distance and clearance <= max(clearance_limit, clearance_share * smaller):
+                yield FacePair("concentric", first, second, 2 * smaller, distance, 0.0)
 
 
 def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
@@ -281,6 +281,6 @@ def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]
     planes = []
     for part in parts:
         for face in part.faces:
-            if face.kind == "plane" and np.linalg.norm(np.cross(face.direction, axis)) < _TILT:
+            if face.kind == "plane" and np.linalg.norm(np.cross(face.direction, axis)) < _PARALLEL_ANGLE:
                 planes.append((part, face))
     return planes

@@ -13,7 +13,7 @@ from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
 from twin.exchange.read.assumed_drives import with_drives
 from twin.exchange.read.imported_robot import Findings, Imported, note, warning
-from twin.exchange.read.proposals import MEETING
+from twin.exchange.read.proposals import MEETING_TOLERANCE
 from twin.exchange.read.start_values import start_within_limits, state_within_limits, value_text
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -23,16 +23,16 @@ from twin.reference.regularity import SINGULAR, Regularity, closed_beside, regul
 from twin.reference.singular_departure import limit_excess
 from twin.reference.states import Assembly
 
-_UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
+_UNREAD_CODES = ("import.unread", "import.schema", "import.plugin", "import.inactive")
 """Codes of findings on unsupported data, which may be the reason why a loop does not close."""
 
-_ROUNDS = 6
+_MAX_SEARCHES = 6
 """Maximum number of searches for a less singular state near the best state found."""
 
 _LIMIT_TOLERANCE = 1e-6
 """Tolerance of joint limits in m and rad at the states that are candidates for home."""
 
-_ROUNDING = 1e-9
+_COORDINATE_ROUNDING = 1e-9
 """Rounding in m or rad of a coordinate that is computed from the poses of two bodies."""
 
 
@@ -56,11 +56,11 @@ def close(imported: Imported) -> Imported:
     findings += home_findings
     unread = []
     for reported in findings:
-        if reported.severity == "warning" and reported.code in _UNREAD:
+        if reported.severity == "warning" and reported.code in _UNREAD_CODES:
             unread.append(reported)
     for name, (offset, tilt) in home.gap.items():
         if _is_open(offset, tilt):
-            findings.append(_gap(mechanism, name, offset, tilt, unread))
+            findings.append(_gap_finding(mechanism, name, offset, tilt, unread))
     _report_moved(mechanism, home, findings)
     _report_outside(mechanism, home, findings)
     freedom = model.mobility(home.x).freedom
@@ -87,7 +87,7 @@ def _report_moved(mechanism: Mechanism, home: Assembly, findings: Findings) -> N
     values: list[str] = []
     for joint in mechanism.active:
         rest_value = joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child])
-        if abs(home.q_full.get(joint.name, 0.0) - rest_value) > _ROUNDING:
+        if abs(home.q_full.get(joint.name, 0.0) - rest_value) > _COORDINATE_ROUNDING:
             moved_joints.append(joint)
             values.append(f"'{joint.name}' at {value_text(joint, home.q_full[joint.name])}")
     if moved_joints:
@@ -102,7 +102,7 @@ def _report_outside(mechanism: Mechanism, home: Assembly, findings: Findings) ->
         if q is None or not joint.limits:
             continue
         low, high = joint.limits
-        if not low - _ROUNDING <= q <= high + _ROUNDING:
+        if not low - _COORDINATE_ROUNDING <= q <= high + _COORDINATE_ROUNDING:
             limits = f"{value_text(joint, low)} .. {value_text(joint, high)}"
             text = f"joint '{joint.name}' is at {value_text(joint, q)} at home, outside its limits {limits}."
             findings.warn("rest", text, joint.name)
@@ -121,12 +121,14 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
     for joint in mechanism.joints:
         T = joint.relative(mechanism.rest[joint.parent], mechanism.rest[joint.child])
         offset, tilt = locked_error(T, joint.type)
-        if offset > MEETING[0] or tilt > MEETING[1]:
+        if offset > MEETING_TOLERANCE[0] or tilt > MEETING_TOLERANCE[1]:
             text = (
                 f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at {poses}; home is the nearest state "
                 "in which this joint is closed"
             )
-            yield finding(severity, "import.open", joint.name, text, Quantity(offset, "m"), MEETING[0], word="")
+            yield finding(
+                severity, "import.open", joint.name, text, Quantity(offset, "m"), MEETING_TOLERANCE[0], word=""
+            )
 
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
@@ -168,7 +170,7 @@ def _less_singular(model: ReferenceModel, rest_state: Assembly, margin: float) -
     `margin` is that of `rest_state`, which is returned if no better state is found.
     """
     best = rest_state.x
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_SEARCHES):
         states_within_limits = []
         for x in closed_beside(model, best):
             if limit_excess(model.tree, x) < _LIMIT_TOLERANCE:
@@ -193,7 +195,7 @@ def _is_open(offset: float, tilt: float) -> bool:
     return offset > CLOSED[0] or tilt > CLOSED[1]
 
 
-def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
+def _gap_finding(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
     """Return the finding on a loop or coupling `name` that stays open by a gap in m and rad, with the likely cause."""
     if any(coupling.name == name for coupling in mechanism.couplings):
         text = (

@@ -25,13 +25,13 @@ from twin.core.foreign.text import read_text
 from twin.core.spatial import Array
 from twin.core.units import DEG, LENGTH, MM
 
-ROWS = 100_000
+MAX_ROWS = 100_000
 """Maximum number of rows of a table."""
 
-_FEWEST = 4
+_MIN_ROWS = 4
 """Fewest rows: base and tool frame are fitted, which three poses can always do."""
 
-_SIZES = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "°": DEG, "rad": 1.0}
+_SIZE_OF_UNIT = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "°": DEG, "rad": 1.0}
 _LENGTHS = ("mm", "cm", "m")
 _ANGLES = ("deg", "°", "rad")
 
@@ -40,12 +40,12 @@ _QUATERNION = ("qw", "qx", "qy", "qz")
 _MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 _RPY = ("roll", "pitch", "yaw")
 
-_UNIT = 0.01
+_UNIT_LENGTH_TOL = 0.01
 """Largest difference of a quaternion's length, or of a matrix's columns, from 1: files round to three digits."""
 
-_NOISE = re.compile(r"^\s*#\s*noise\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
-_STATED_UNITS = re.compile(r"^\s*#\s*units?\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
-_HEADING = re.compile(r"^(.*?)\s*[\[(]\s*([A-Za-z°]+)\s*[\])]$")
+_NOISE_COMMENT = re.compile(r"^\s*#\s*noise\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
+_UNITS_COMMENT = re.compile(r"^\s*#\s*units?\s*[:=]\s*(.*?)\s*$", re.IGNORECASE)
+_HEADING_WITH_UNIT = re.compile(r"^(.*?)\s*[\[(]\s*([A-Za-z°]+)\s*[\])]$")
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def is_pose_table(path: Path) -> bool:
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
     try:
-        lines = _rows(path, read_text(path, "text", encoding="utf-8-sig"))
+        lines = _table_rows(path, read_text(path, "text", encoding="utf-8-sig"))
     except (UnicodeDecodeError, OSError, SourceError):
         return False  # the reader of the other kind of table states the fault
     if not lines:
@@ -86,7 +86,7 @@ def is_pose_table(path: Path) -> bool:
     _, headings = lines[0]
     names = set()
     for heading in headings:
-        name, _ = _split(heading)
+        name, _ = _name_and_unit(heading)
         names.add(name.lower())
     return set(_POSITION) <= names
 
@@ -106,12 +106,12 @@ def read_poses(path: Path, length: str | None = None, angle: str | None = None) 
         text = read_text(path, "text", encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise SourceError(f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}") from error
-    return _Reader(path, text, length, angle).read()
+    return _TableReader(path, text, length, angle).read()
 
 
-def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
+def _table_rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the lines that are neither empty nor comments."""
-    kept_rows: list[tuple[int, list[str]]] = []
+    table_rows: list[tuple[int, list[str]]] = []
     separator = ""
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -126,26 +126,26 @@ def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
             cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         except csv.Error as error:
             raise SourceError(f"{path}:{number}: the line is not CSV: {error}") from error
-        kept_rows.append((number, list(map(str.strip, cells))))
-        if len(kept_rows) > ROWS + 1:
-            raise SourceError(f"{path}: the table has more than {ROWS} rows")
-    return kept_rows
+        table_rows.append((number, list(map(str.strip, cells))))
+        if len(table_rows) > MAX_ROWS + 1:
+            raise SourceError(f"{path}: the table has more than {MAX_ROWS} rows")
+    return table_rows
 
 
-def _split(heading: str) -> tuple[str, str]:
+def _name_and_unit(heading: str) -> tuple[str, str]:
     """Return (name, unit or "") of a heading such as "x [mm]"."""
-    match = _HEADING.match(heading.strip())
+    match = _HEADING_WITH_UNIT.match(heading.strip())
     if match is None:
         return heading.strip(), ""
     return match[1].strip(), match[2].lower()
 
 
-class _Reader:
+class _TableReader:
     def __init__(self, path: Path, text: str, length: str | None, angle: str | None) -> None:
         self.path = path
         self.units = {"length": length, "angle": angle}
         self.noise: list[float | None] = [None, None]
-        self.lines = _rows(path, text)
+        self.lines = _table_rows(path, text)
         self._comments(text)
 
     def fail(self, line: int, message: str) -> NoReturn:
@@ -154,16 +154,16 @@ class _Reader:
     def _comments(self, text: str) -> None:
         """Read the comments "# units: mm, deg" and "# noise: 0.05 mm, 0.01 deg"."""
         for number, line in enumerate(text.splitlines(), 1):
-            units = _STATED_UNITS.match(line)
+            units = _UNITS_COMMENT.match(line)
             if units:
                 for unit in re.split(r"[,;\s]+", units[1].lower()):
-                    if unit not in _SIZES:
-                        self.fail(number, f"there is no unit '{unit}'; use two of {', '.join(_SIZES)}")
+                    if unit not in _SIZE_OF_UNIT:
+                        self.fail(number, f"there is no unit '{unit}'; use two of {', '.join(_SIZE_OF_UNIT)}")
                     kind = "angle"
                     if unit in _LENGTHS:
                         kind = "length"
                     self.units[kind] = unit
-            noise = _NOISE.match(line)
+            noise = _NOISE_COMMENT.match(line)
             if noise:
                 for part in noise[1].split(","):
                     self._noise(number, part.strip())
@@ -175,9 +175,9 @@ class _Reader:
         if match is not None:
             unit = match[2].lower()
             value = _number(match[1])
-        if unit not in _SIZES or value is None or not value > 0:
+        if unit not in _SIZE_OF_UNIT or value is None or not value > 0:
             self.fail(number, f"noise '{part}': write a positive number and a unit, as in # noise: 0.05 mm, 0.01 deg")
-        self.noise[unit in _ANGLES] = value * _SIZES[unit]
+        self.noise[unit in _ANGLES] = value * _SIZE_OF_UNIT[unit]
 
     def read(self) -> ReadPoses:
         """Return the table."""
@@ -188,13 +188,13 @@ class _Reader:
         lower_names: list[str] = []
         units: list[str] = []
         for heading in headings:
-            name, unit = _split(heading)
+            name, unit = _name_and_unit(heading)
             if not name:
                 self.fail(line, "a heading is empty: name the joint, or remove the column")
             if name.lower() in lower_names:
                 self.fail(line, f"the heading '{name}' stands twice: remove one of the columns")
-            if unit and unit not in _SIZES:
-                self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZES)}")
+            if unit and unit not in _SIZE_OF_UNIT:
+                self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZE_OF_UNIT)}")
             names.append(name)
             lower_names.append(name.lower())
             units.append(unit)
@@ -211,16 +211,16 @@ class _Reader:
         for name in _POSITION:
             if name not in lower_names:
                 self.fail(line, f"the table has no column '{name}': the position needs x, y and z")
-        if len(pose_rows) < _FEWEST:
+        if len(pose_rows) < _MIN_ROWS:
             self.fail(
-                line, f"the table has {len(pose_rows)} rows; at least {_FEWEST} are needed, and more to judge a robot"
+                line, f"the table has {len(pose_rows)} rows; at least {_MIN_ROWS} are needed, and more to judge a robot"
             )
         values = self._values(headings, pose_rows)
         angles = []
         for column in joint_columns:
             unit = units[column] or self._unit(line, headings[column], angle=True)
             angles.append(unit in _ANGLES)
-            values[:, column] *= _SIZES[unit]
+            values[:, column] *= _SIZE_OF_UNIT[unit]
         lines = tuple(number for number, _ in pose_rows)
         positions = np.zeros((len(pose_rows), 3))
         for axis, name in enumerate(_POSITION):
@@ -228,7 +228,7 @@ class _Reader:
             unit = units[column] or self._unit(line, headings[column], angle=False)
             if unit not in _LENGTHS:
                 self.fail(line, f"the heading '{headings[column]}' is in {unit}, but {name} is a length")
-            positions[:, axis] = values[:, column] * _SIZES[unit]
+            positions[:, axis] = values[:, column] * _SIZE_OF_UNIT[unit]
         rotations = self._rotations(line, lower_names, units, rotation_columns, values, lines)
         return ReadPoses(
             self.path,
@@ -308,7 +308,7 @@ class _Reader:
                 unit = units[column] or self._unit(line, lower_names[column], angle=True)
                 if unit not in _ANGLES:
                     self.fail(line, f"the heading '{lower_names[column]}' is in {unit}, but is an angle")
-                sizes.append(_SIZES[unit])
+                sizes.append(_SIZE_OF_UNIT[unit])
             roll, pitch, yaw = (numbers * sizes).T
             x, y, z = np.eye(3)
             Rz = spatial.exp_so3(yaw[:, None] * z)
@@ -316,14 +316,14 @@ class _Reader:
             return Rz @ Ry @ spatial.exp_so3(roll[:, None] * x)
         if rotation_columns == _QUATERNION:
             lengths = np.linalg.norm(numbers, axis=1)
-            wrong_rows = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
+            wrong_rows = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT_LENGTH_TOL)
             if len(wrong_rows):
                 row_number = int(wrong_rows[0])
                 self.fail(lines[row_number], f"the quaternion has the length {lengths[row_number]:.4g} instead of 1")
             return spatial.matrix_from_quat_wxyz(numbers)
         matrices = numbers.reshape(-1, 3, 3)
         gaps = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
-        wrong_rows = np.flatnonzero((gaps > 2 * _UNIT) | (np.linalg.det(matrices) < 0))
+        wrong_rows = np.flatnonzero((gaps > 2 * _UNIT_LENGTH_TOL) | (np.linalg.det(matrices) < 0))
         if len(wrong_rows):
             self.fail(
                 lines[int(wrong_rows[0])], "r11 to r33 are no rotation: its columns must be unit vectors, right-handed"

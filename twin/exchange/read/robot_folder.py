@@ -1,37 +1,22 @@
-"""Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes.
-
-All frames are written as numbers, relative to the base frame, at the rest pose with closed loops. Lengths are printed
-with all digits of a double, so that writing does not enlarge the gaps of the loops.
-"""
+"""Write a mechanism as a robot folder: description, meshes, formula, initial protocol, notes."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from twin.core import assets
 from twin.core.errors import OutputError
 from twin.core.findings import Finding, by_severity
-from twin.core.foreign.budget import BUDGETS, over
-from twin.core.json_types import JsonObject
-from twin.core.spatial import Array
-from twin.core.units import DEG, MM, display_unit
 from twin.core.version import __version__
-from twin.exchange.read.assumed_drives import NOTE
+from twin.exchange.read.description_text import NOTES, describe
 from twin.exchange.read.imported_robot import Imported
+from twin.exchange.read.mesh_output import mesh_file, write_mesh
 from twin.exchange.read.templates import formula, protocol
-from twin.exchange.read.toml_text import frame, one_line, rows, table, toml
-from twin.model.body import Body, Mesh
-from twin.model.joint import Joint
-from twin.model.mechanism import EARTH, Mechanism
-from twin.model.transmission import Actuator
-
-NOTES = "IMPORT.md"
-"""Name of the file that lists changed, guessed, missing and omitted data."""
+from twin.exchange.read.toml_text import one_line
+from twin.model.mechanism import Mechanism
 
 
 def require_free(target: Path, force: bool = False) -> None:
@@ -68,7 +53,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         (folder / "meshes").mkdir()
         for body in mechanism.bodies:
             for mesh in body.meshes:
-                _write_mesh(folder / "meshes" / _mesh_file(mesh), mesh, mechanism.rest[body.name])
+                write_mesh(folder / "meshes" / mesh_file(mesh), mesh, mechanism.rest[body.name])
         (folder / f"{name}.toml").write_text(
             describe(mechanism, source.name, imported.assumed, imported.unlimited), "utf-8"
         )
@@ -133,195 +118,3 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
                 items.append(f"- {one_line(finding.message)} ({finding.code})")
         lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
-
-
-def describe(
-    mechanism: Mechanism, source: str, assumed: Set[str] = frozenset(), unlimited: Set[str] = frozenset()
-) -> str:
-    """Return a mechanism's description in TOML.
-
-    `assumed` names the joints and actuators whose drives are ASSUMED, `unlimited` the joints that have no limits.
-    """
-    cited = {"provenance": "CITED", "note": source}
-    head: JsonObject = {
-        "name": mechanism.name,
-        "title": mechanism.name,
-        "source": source,
-        "default_protocol": "first",
-        "base": mechanism.base,
-    }
-    head["tool"] = mechanism.tool
-    # A description has one key for one trocar, and another one for several.
-    if len(mechanism.trocars) == 1:
-        head["trocar"] = mechanism.trocars[0]
-    elif mechanism.trocars:
-        head["trocars"] = mechanism.trocars
-    if mechanism.gravity != EARTH:
-        head["gravity_m_s2"] = mechanism.gravity
-    lines = [
-        f"# {mechanism.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in "
-        f"../{NOTES}.",
-        "# All frames are in the base frame at the rest pose, with loops closed.",
-        *rows(head),
-        *TOLERANCE,
-    ]
-    for body in mechanism.bodies:
-        lines += _body(mechanism, body, cited)
-    for joint in mechanism.joints:
-        lines += _joint(mechanism, joint)
-    for joint in mechanism.joints:
-        lines += _limit(joint, cited, unlimited=joint.name in unlimited)
-        drive = joint.drive
-        if drive is not None:
-            gains = {"stiffness": drive.stiffness, "damping": drive.damping, "max_effort": drive.max_effort}
-            provenance = _GUESSED if joint.name in assumed else cited
-            lines += table("[[drive]]", joints=[joint.name], **gains, **provenance)
-    for coupling in mechanism.couplings:
-        unit, scale = display_unit(mechanism.joint(coupling.joints[0]).is_angle)
-        total = {f"sum_{unit}": coupling.total / scale}
-        lines += table(
-            "[[coupling]]", name=coupling.name, joints=coupling.joints, ratios=coupling.ratios, **total, **cited
-        )
-    for actuator in mechanism.actuators:
-        provenance = _GUESSED if actuator.name in assumed else cited
-        lines += _actuator(actuator, provenance)
-    for transmission in mechanism.transmissions:
-        parts = {"joints": transmission.joints, "actuators": transmission.actuators, "matrix": transmission.matrix}
-        lines += table("[[transmission]]", name=transmission.name, **parts, **cited)
-    for named_frame in mechanism.frames:
-        T_base_frame = mechanism.rest[named_frame.body] @ named_frame.T_body_frame
-        lines += table(f"[frame.{named_frame.name}]", body=named_frame.body, at=frame(T_base_frame))
-    for point in mechanism.points:
-        T = mechanism.rest[point.body]
-        position = T[:3, :3] @ point.p_body + T[:3, 3]
-        lines += table(f"[point.{point.name}]", body=point.body, position_mm=position / MM)
-    for posture, values in mechanism.postures.items():
-        lines += _posture(mechanism, posture, values)
-    return "\n".join(lines) + "\n"
-
-
-def _joint(mechanism: Mechanism, joint: Joint) -> list[str]:
-    """Return the lines of a joint, with its frames on both bodies relative to the base at rest."""
-    return table(
-        "[[joint]]",
-        name=joint.name,
-        type=joint.type,
-        parent=joint.parent,
-        child=joint.child,
-        active=joint.active or None,
-        on_parent=frame(mechanism.rest[joint.parent] @ joint.T_parent_joint),
-        on_child=frame(mechanism.rest[joint.child] @ joint.T_child_joint),
-    )
-
-
-def _posture(mechanism: Mechanism, name: str, values: Mapping[str, float]) -> list[str]:
-    """Return the lines of a posture {joint: value in m or rad}, whose keys state the units."""
-    posture_values = {}
-    for joint, q in values.items():
-        unit, scale = display_unit(mechanism.joint(joint).is_angle)
-        posture_values[f"{joint}_{unit}"] = q / scale
-    return table(f"[posture.{name}]", **posture_values)
-
-
-TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
-"""Lines of the section [tolerance] of a new description."""
-
-_GUESSED = {"provenance": "ASSUMED", "note": NOTE}
-
-
-def _body(mechanism: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
-    """Return the lines of a body: its mass properties in the frame of the base, and its meshes."""
-    # True is the default of a description, so the key is written only for meshes that show a part of the body.
-    states_whole = None if body.whole else False
-    lines = table(f"[body.{body.name}]", whole=states_whole)
-    if body.inertia is not None:
-        T = mechanism.rest[body.name]
-        com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
-        I = T[:3, :3] @ body.inertia.I_com @ T[:3, :3].T  # noqa: E741
-        tensor = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
-        lines += [
-            f"[body.{body.name}.mass]",
-            *rows({"mass_kg": body.inertia.mass, "com_mm": com / MM}),
-            f"inertia_kg_m2 = {toml(tensor)} # xx yy zz xy xz yz, about the centre of mass",
-            *rows(cited),
-        ]
-    for mesh in body.meshes:
-        color = mesh.color_rgba[:3]
-        if mesh.color_rgba[3] != 1:
-            color = mesh.color_rgba
-        lines += table(f"[[body.{body.name}.meshes]]", file=f"meshes/{_mesh_file(mesh)}", unit="m", color=color)
-    return lines
-
-
-def _limit(joint: Joint, cited: Mapping[str, str], *, unlimited: bool) -> list[str]:
-    """Return the lines of the limits of a joint; [] if it has none of which a description could state something."""
-    unit, scale = display_unit(joint.is_angle)
-    # A description refuses soft limits beside "none"; they are kept, for they are numbers of the file.
-    is_stated_unlimited = unlimited and joint.limits is None and joint.soft_limits is None
-    # Without a limit, `and` leaves None, and the key is not written.
-    values = {
-        "limits": "none" if is_stated_unlimited else None,
-        f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
-        f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
-        f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
-        f"max_acceleration_{unit}_s2": joint.max_acceleration and joint.max_acceleration / scale,
-        f"max_jerk_{unit}_s3": joint.max_jerk and joint.max_jerk / scale,
-        "cone_deg": joint.cone and joint.cone / DEG,
-    }
-    if not rows(values):
-        return []
-    return table("[[limit]]", joints=[joint.name], **values, **cited)
-
-
-def _actuator(actuator: Actuator, provenance: Mapping[str, str]) -> list[str]:
-    unit, scale = display_unit(actuator.is_angle)
-    values = {
-        f"limits_{unit}": actuator.limits and np.divide(actuator.limits, scale),
-        "max_effort": actuator.max_effort,
-        "rotor_inertia": actuator.rotor_inertia,
-        "stiffness": actuator.stiffness,
-        "damping": actuator.damping or None,
-        f"max_speed_{unit}_s": actuator.max_speed and actuator.max_speed / scale,
-    }
-    return table("[[actuator]]", name=actuator.name, kind=actuator.kind, **values, **provenance)
-
-
-_OBJ_BYTES = (50, 30)
-"""Maximum bytes of a row of an OBJ for a vertex, and for a triangle."""
-
-_STL_BYTES = (84, 50)
-"""Bytes of the head of a binary STL, and of each of its triangles."""
-
-
-def _mesh_file(mesh: Mesh) -> str:
-    """Return the name of the file of a mesh: an OBJ, or a binary STL if the OBJ could be too large to be read back."""
-    vertex, triangle = _OBJ_BYTES
-    size = vertex * len(mesh.vertices) + triangle * len(mesh.triangles)
-    if size <= BUDGETS["OBJ"].bytes:
-        return f"{mesh.name}.obj"
-    return f"{mesh.name}.stl"
-
-
-def _write_mesh(path: Path, mesh: Mesh, T: Array) -> None:
-    """Write a mesh whose body has the pose T (4, 4), in the frame of the base.
-
-    Raises:
-        BudgetError: the file would be too large to be read back.
-    """
-    points = mesh.vertices @ T[:3, :3].T + T[:3, 3]
-    if path.suffix == ".stl":
-        head, triangle = _STL_BYTES
-        size = head + triangle * len(mesh.triangles)
-        if size > BUDGETS["STL"].bytes:
-            over(Path(path.name), "STL", "bytes", size, BUDGETS["STL"].bytes)
-        solid = np.zeros(len(mesh.triangles), np.dtype([("numbers", "<f4", (4, 3)), ("rest", "<u2")]))
-        solid["numbers"][:, 1:] = points[mesh.triangles]  # the first row, the normal, is computed by readers
-        # A binary STL has 80 bytes of any text, the number of triangles, and the triangles.
-        path.write_bytes(bytes(80) + len(solid).to_bytes(4, "little") + solid.tobytes())
-        return
-    lines = []
-    for x, y, z in points.tolist():
-        lines.append(f"v {x:.9g} {y:.9g} {z:.9g}")
-    for a, b, c in (mesh.triangles + 1).tolist():  # an OBJ counts vertices from 1
-        lines.append(f"f {a} {b} {c}")
-    path.write_text("\n".join(lines) + "\n", "ascii")

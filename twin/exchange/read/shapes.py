@@ -19,7 +19,7 @@ from twin.exchange.read.imported_robot import Findings
 from twin.exchange.read.xml_file import Xml
 from twin.model.body import Mesh
 
-SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+SIZE_ATTRIBUTES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 """Names of the size attributes of each shape in URDF and SDF."""
 
 Color = tuple[float, float, float, float]
@@ -44,7 +44,7 @@ def mesh_cache() -> Iterator[None]:
         _MESHES_READ.reset(token)
 
 
-def _loaded(path: Path) -> tuple[Mesh, list[Finding]]:
+def _read_mesh(path: Path) -> tuple[Mesh, list[Finding]]:
     """Return the mesh of a file in m with the axes of the file, and findings on it; see `load_mesh` for errors."""
     cache = _MESHES_READ.get()
     if cache is None:
@@ -93,7 +93,7 @@ def sized_primitive(
         SourceError: a size is missing or negative.
     """
     size = []
-    for key in SIZES[kind]:
+    for key in SIZE_ATTRIBUTES[kind]:
         count = 3 if key == "size" else 1
         size += xml.numbers(where, f"{kind} {key}", text(key), count, None).tolist()
     if min(size) < 0:
@@ -232,7 +232,7 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
         findings.warn("mesh", f"link '{link}': mesh {uri} {reason}: the link is shown without this mesh.", uri)
         return None
     try:
-        mesh, mesh_findings = _loaded(path)
+        mesh, mesh_findings = _read_mesh(path)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None

@@ -20,14 +20,14 @@ from twin.reference.newton import minimise
 from twin.reference.singular_departure import limit_excess
 from twin.reference.states import Assembly
 
-_MARGIN = 1e-3
+_LIMIT_MARGIN = 1e-3
 """Distance from a limit, relative to the range of the joint (at most 1 rad or m), to which a joint is moved if loops
 bind it. Without it, the steps between limits and loops approach a state at a limit, but do not reach it."""
 
-_ROUNDS = 100
+_MAX_PROJECTIONS = 100
 """Maximum number of steps between limits and loops."""
 
-_INSIDE = 1e-9
+_LIMIT_ROUNDING = 1e-9
 """Sum in rad and m by which joints may exceed their limits by rounding."""
 
 
@@ -55,7 +55,7 @@ def start_within_limits(imported: Imported) -> tuple[Mechanism, list[Finding]]:
         return mechanism, []
     first = outside[0]
     first_value = value_text(first, file_values[first.name])
-    where = f"joint '{first.name}' would be at {first_value}, outside its limits {_range(first)}"
+    where = f"joint '{first.name}' would be at {first_value}, outside its limits {_limits_text(first)}"
     if len(outside) > 1:
         where += f", and {len(outside) - 1} others outside theirs"
     for key, values in imported.keys.items():
@@ -80,17 +80,17 @@ def state_within_limits(model: ReferenceModel, state: Assembly) -> Assembly | No
     Joints outside their limits are moved inside, then the loops are closed again, until both hold: alternating
     projections. The driven joints move only if the passive joints alone cannot do it.
     """
-    if limit_excess(model.tree, state.x) <= _INSIDE:
+    if limit_excess(model.tree, state.x) <= _LIMIT_ROUNDING:
         return state
     all_columns = np.arange(model.tree.model.nv)
     for columns in (model.tree.passive, all_columns):
         x = state.x
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_PROJECTIONS):
             states, _ = minimise(model.tree, _clipped(model, x)[None], model.loops_only, columns)
             x = states[0]
             if not np.isfinite(x).all():  # Newton's method diverged
                 break
-            if limit_excess(model.tree, x) <= _INSIDE:
+            if limit_excess(model.tree, x) <= _LIMIT_ROUNDING:
                 closed_state = model.state(x)
                 if is_closed(closed_state):
                     return closed_state
@@ -119,7 +119,7 @@ def _limits(joint: Joint) -> tuple[float, float]:
     return joint.limits
 
 
-def _range(joint: Joint) -> str:
+def _limits_text(joint: Joint) -> str:
     low, high = _limits(joint)
     return f"{value_text(joint, low)} .. {value_text(joint, high)}"
 
@@ -146,7 +146,7 @@ def _clipped(model: ReferenceModel, x: Array) -> Array:
         if joint.limits is None or joint.name not in model.tree.configuration:
             continue
         low, high = joint.limits
-        margin = _MARGIN * min(high - low, 1.0)
+        margin = _LIMIT_MARGIN * min(high - low, 1.0)
         index = model.tree.configuration[joint.name]
         if clipped[index] < low:
             clipped[index] = low + margin

@@ -15,16 +15,16 @@ from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.states import Assembly
 
-_REGULAR = 1e-3
+_MIN_CONDITIONING = 1e-3
 """Conditioning (0: singular, 1: best) from which the initial protocol may start and pass; `validate` requires 1e-6."""
 
-_SPREADS = (0.1, 0.3, 0.6, 1.0)
+_START_DISTANCES = (0.1, 0.3, 0.6, 1.0)
 """Maximum distances of a start from a singular home, in rad; for slides, a tenth of these in m."""
 
-_DRAWS = 8
+_STARTS_AT_EACH_DISTANCE = 8
 """Number of starts drawn at each distance."""
 
-_STEP = {"revolute": 5 * DEG, "prismatic": 10 * MM}
+_DISPLACEMENT = {"revolute": 5 * DEG, "prismatic": 10 * MM}
 """Displacement of the moved joint in the initial protocol, in rad (revolute) or m (prismatic)."""
 
 
@@ -69,7 +69,7 @@ def protocol(mechanism: Mechanism) -> str:
     mechanism is singular there, such as a stretched arm, at a state beside home at which it is not.
     """
     model = ReferenceModel(mechanism)
-    start = _start(model)
+    start = _start_beside_singular_home(model)
     if start is None:
         start = model.home()
         place = "home"
@@ -77,7 +77,7 @@ def protocol(mechanism: Mechanism) -> str:
     else:
         place = "a pose beside home, where the mechanism is singular,"
         note = "Beside the home position, which is singular"
-    home_values, near_values, difference = _near(model, start)
+    home_values, near_values, difference = _home_and_near_values(model, start)
     waypoints = _waypoint("home", home_values, note) + _waypoint("near", near_values, "Near the start")
     return f"""# A first motion: the driven joints move from {place} to nearby values and back. {difference}
 # Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
@@ -112,29 +112,29 @@ name = "back"
 """
 
 
-def _start(model: ReferenceModel) -> Assembly | None:
+def _start_beside_singular_home(model: ReferenceModel) -> Assembly | None:
     """Return a state near home that is not singular; None if home is not, or if no such state was found."""
     home = model.home()
-    if _regularity(model, home) >= _REGULAR:
+    if _smaller_conditioning(model, home) >= _MIN_CONDITIONING:
         return None
     rng = np.random.default_rng(0)  # the same robot gives the same protocol
     active = model.mechanism.active
     low, high = model.mechanism.limits.T
     is_angle = np.array([joint.is_angle for joint in active])
     scale = np.where(is_angle, 1.0, 0.1)  # a slide moves by a tenth of the number for an angle
-    for spread in _SPREADS:
-        for _ in range(_DRAWS):
-            q = np.clip(home.q + spread * scale * rng.uniform(-1.0, 1.0, len(active)), low, high)
+    for distance_from_home in _START_DISTANCES:
+        for _ in range(_STARTS_AT_EACH_DISTANCE):
+            q = np.clip(home.q + distance_from_home * scale * rng.uniform(-1.0, 1.0, len(active)), low, high)
             try:
                 state = model.solve(q, home)
             except TwinError:
                 continue
-            if _regularity(model, state) >= _REGULAR:
+            if _smaller_conditioning(model, state) >= _MIN_CONDITIONING:
                 return state
     return None
 
 
-def _regularity(model: ReferenceModel, state: Assembly) -> float:
+def _smaller_conditioning(model: ReferenceModel, state: Assembly) -> float:
     """Return the smaller of the two measures of `conditioning` at a state; 0 where no joint moves the tool.
 
     Without driven joints it is infinite.
@@ -147,7 +147,7 @@ def _regularity(model: ReferenceModel, state: Assembly) -> float:
     return float(min(standing, moving))
 
 
-def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
+def _home_and_near_values(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
     """Return (values at `home`, values near it, description of the difference) for the driven joints.
 
     Keys of the values are TOML keys: the name of a joint and its unit. Only one joint differs: the first driven joint
@@ -158,7 +158,7 @@ def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict
     without_tool: tuple[dict[str, float], str] | None = None
     for number, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
-        for step in (_STEP[joint.type], -_STEP[joint.type]):
+        for step in (_DISPLACEMENT[joint.type], -_DISPLACEMENT[joint.type]):
             q = home.q.copy()
             q[number] += step
             # A joint at its upper limit can still move back: the second step is the negative one.

@@ -16,7 +16,7 @@ from twin.core.foreign.text import DoctypeError, parse_xml
 from twin.core.spatial import Array
 from twin.exchange.xacro import sign_of_xacro
 
-_LEFT_OVER = " \t\r\n\"',;"
+_IGNORED_ENDING = " \t\r\n\"',;"
 """Characters that are ignored after the numbers of a text."""
 
 
@@ -47,7 +47,7 @@ class Xml:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise SourceError(f"{path}: the file is not XML: {error}") from error
         if data is None:
-            self._no_xacro()
+            self._refuse_xacro()
         if self.root.tag == "gazebo":  # of SDF; no other format has such a root
             text = "the root element is <gazebo>, as before SDF 1.3, which is not read: convert the file (gz sdf -p)"
             raise UnsupportedError(f"{path}: {text}")
@@ -55,7 +55,7 @@ class Xml:
             hint = "Expand a xacro first; a file of another format needs the suffix of its format."
             raise SourceError(f"{path}: the root element is <{self.root.tag}>, expected <{root}>. {hint}")
 
-    def _no_xacro(self) -> None:
+    def _refuse_xacro(self) -> None:
         """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
         sign = sign_of_xacro(self.root)
         if sign:
@@ -100,7 +100,7 @@ class Xml:
                 self.fail(where, f"{what} is missing")
             return np.array(default, float)
         shown_text = text[:80]
-        stated = text.rstrip(_LEFT_OVER)
+        stated = text.rstrip(_IGNORED_ENDING)
         try:
             values = np.array(list(map(float, stated.split())))
         except ValueError:
@@ -146,8 +146,8 @@ class Xml:
         return tensor
 
 
-_PREFIX = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")
-_ROOT = re.compile(rb"<[A-Za-z_][\w.:-]*")
+_NAMESPACE_PREFIX = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")
+_ROOT_TAG = re.compile(rb"<[A-Za-z_][\w.:-]*")
 
 
 def _repaired(data: bytes) -> tuple[bytes, list[str]]:
@@ -164,11 +164,11 @@ def _repaired(data: bytes) -> tuple[bytes, list[str]]:
     markup = re.sub(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>|\"[^\"]*\"|'[^']*'", b"", data, flags=re.DOTALL)
     tags = b" ".join(re.findall(rb"<[^>]*>", markup))
     undeclared: list[bytes] = []
-    for prefix in sorted(set(_PREFIX.findall(tags))):
+    for prefix in sorted(set(_NAMESPACE_PREFIX.findall(tags))):
         # Prefixes that begin with "xml" are reserved by XML, and need no declaration.
         if not prefix.startswith(b"xml") and b"xmlns:" + prefix not in data:
             undeclared.append(prefix)
-    root = _ROOT.search(data)
+    root = _ROOT_TAG.search(data)
     if undeclared and root:
         declarations = b""
         for prefix in undeclared:

@@ -21,10 +21,11 @@ from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.exchange.read.fitting_faces import GROSS, Pair, find_pairs
+from twin.exchange.read.description_text import TOLERANCE
+from twin.exchange.read.fitting_faces import NEAR_FIT, FacePair, find_pairs
 from twin.exchange.read.imported_robot import Findings, Imported, Names, Options, warning
 from twin.exchange.read.proposals import Proposal, propose
-from twin.exchange.read.robot_folder import TOLERANCE, write_robot
+from twin.exchange.read.robot_folder import write_robot
 from twin.exchange.read.toml_text import one_line, rows, table, toml
 from twin.model.mechanism import Mechanism
 
@@ -62,7 +63,7 @@ class Skeleton:
     parts: dict[str, list[Part]]
     nodes: dict[str, str]
     base: str
-    pairs: list[Pair]
+    pairs: list[FacePair]
     proposals: list[Proposal]
     findings: list[Finding] = field(default_factory=list)
 
@@ -121,7 +122,7 @@ def read_skeleton(path: Path) -> Skeleton:
             "another body."
         )
         findings.warn("held", text, listed[0])
-    distance, angle = GROSS
+    distance, angle = NEAR_FIT
     text = (
         f"{len(proposals)} joints are proposed, as comments: all bodies are fixed to '{base}' until you name their "
         "joints. "
@@ -168,7 +169,7 @@ def _inexact_fit(proposal: Proposal) -> Finding:
     return finding("warning", "import.near", proposal.name, text, Quantity(proposal.offset, "m"), word="")
 
 
-def _unused_fit(pair: Pair) -> Finding:
+def _unused_fit(pair: FacePair) -> Finding:
     """Return a finding that a fit is not used for a joint."""
     deviation = "exactly"
     if pair.near:
@@ -321,7 +322,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
 
 def _joint_comment(proposal: Proposal) -> list[str]:
     """Return the lines of a proposed joint, which are comments."""
-    lines = ["", f"# {one_line(proposal.why)}"]
+    lines = ["", f"# {one_line(proposal.evidence)}"]
     if proposal.misses:
         lines.append(f"# In the CAD, the two frames of this joint are {proposal.miss} apart.")
         lines.append(f"# Confidence that the faces of the two bodies fit: {proposal.pair.confidence}.")

@@ -30,7 +30,7 @@ from twin.exchange.read.imported_robot import (
     stated_gravity,
 )
 from twin.exchange.read.shapes import (
-    SIZES,
+    SIZE_ATTRIBUTES,
     Color,
     link_meshes,
     mesh_file,
@@ -380,7 +380,7 @@ class _Sdf:
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
                 uri = (shape.findtext("uri") or "").strip()
                 triangle_mesh = mesh_file(uri, self.path.parent, scale, name, self.findings)
-            elif shape.tag in SIZES:
+            elif shape.tag in SIZE_ATTRIBUTES:
                 triangle_mesh = sized_primitive(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.exchange.read.imported_robot import Findings, rpy
 from twin.exchange.read.shapes import (
     GREY,
-    SIZES,
+    SIZE_ATTRIBUTES,
     Color,
     link_meshes,
     mesh_file,
@@ -91,10 +91,10 @@ class Visuals:
             if shape.tag == "mesh":
                 scale = self._scale(shape, where)
                 triangle_mesh = mesh_file(shape.get("filename", ""), self.xml.path.parent, scale, name, self.findings)
-            elif shape.tag in SIZES:
+            elif shape.tag in SIZE_ATTRIBUTES:
                 triangle_mesh = sized_primitive(self.xml, where, shape.tag, shape.get, self.findings)
             else:
-                self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
+                self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZE_ATTRIBUTES, "mesh")))
             if triangle_mesh is None:
                 continue
             vertices, triangles = triangle_mesh
