@@ -144,7 +144,7 @@ def test_a_full_card_is_an_error_and_the_next_call_computes(card, monkeypatch):
 
 
 def test_auto_goes_on_with_the_processor_where_the_gpu_fails(card, monkeypatch):
-    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
+    monkeypatch.setattr(kernel_module, "_GPU_LOADING_S", 0.0)
     monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
     monkeypatch.setattr(gpu_kernel, "_LAUNCH_S", 0.0)
     card.free = 100
@@ -220,7 +220,7 @@ def test_auto_moves_to_the_gpu_when_loading_it_has_paid(card, monkeypatch):
         kernel(x, y)
     assert device.name == PROCESSOR  # the processor has not been busy for long
 
-    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
+    monkeypatch.setattr(kernel_module, "_GPU_LOADING_S", 0.0)
     with computing_on("auto") as device:
         kernel(x, y)
     assert device.name == PROCESSOR  # copying takes longer than the processor
@@ -244,7 +244,7 @@ def one_input() -> Kernel:
 
 
 def test_without_a_gpu_auto_is_the_processor(no_card, monkeypatch):
-    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
+    monkeypatch.setattr(kernel_module, "_GPU_LOADING_S", 0.0)
     with computing_on("auto") as device:
         product()(np.ones((2, 50_000)), np.ones((1, 50_000)))
     assert device.name == PROCESSOR

@@ -16,11 +16,12 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.formula import variant_choice
 from twin.proof import intervals, krawczyk
+from twin.proof.box_judge import BoxJudge
 from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.frame_motion import ToolBox
 from twin.proof.interval_pose import IntervalPose, identity
 from twin.proof.loops import ClosingConditions
-from twin.proof.regular_workspace import BoxJudge, cover
+from twin.proof.regular_workspace import cover
 
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])
 """A box around the best position of SILS, which is partly beyond its limits."""
@@ -96,7 +97,7 @@ def test_a_tolerance_does_not_prove_loops_that_the_lengths_of_the_cad_do_not_clo
                 joint = replace(joint, T_parent_joint=T)
             joints.append(joint)
         loops = ClosingConditions(replace(sils.mechanism, joints=tuple(joints)), tolerance=1e-5)
-        assert loops.play > 2e-5
+        assert loops.largest_redundant_gap > 2e-5
         R = sampled.centre(sils)[:3, :3]
         equations = FormulaBoxes(sils.formula, variant_choice.choose(sils.formula, None), R, loops.names, [])
         judge = BoxJudge(loops, R, [], equations, corners[0])

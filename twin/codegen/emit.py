@@ -26,7 +26,7 @@ import casadi as ca
 
 from twin.codegen.lower import lowered
 
-_LIBRARY = {
+_LIBRARY_FUNCTIONS = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
     ca.OP_TAN: "tan",
@@ -38,7 +38,7 @@ _LIBRARY = {
 }
 """Functions of the C library that an exact kernel calls."""
 
-_COMPARED = {
+_COMPARISONS = {
     ca.OP_LT: "olt",
     ca.OP_LE: "ole",
     ca.OP_EQ: "oeq",
@@ -46,10 +46,10 @@ _COMPARED = {
 }
 """LLVM conditions of comparisons; all but "not equal" are false for NaN, as in IEEE 754."""
 
-_LOGICAL = {*_COMPARED, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
+_LOGICAL_OPERATIONS = {*_COMPARISONS, ca.OP_NOT, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO}
 """Operations on truth values, or with a truth value as result."""
 
-_INTRINSIC = {
+_INTRINSICS = {
     ca.OP_SQRT: "sqrt",
     ca.OP_FABS: "fabs",
     ca.OP_FLOOR: "floor",
@@ -67,16 +67,26 @@ _INTRINSIC = {
 }
 """Functions that LLVM provides for vectors."""
 
-_ARITHMETIC = (ca.OP_DIV, ca.OP_MUL, ca.OP_SQ, ca.OP_ADD, ca.OP_SUB, ca.OP_TWICE, ca.OP_NEG, ca.OP_INV, ca.OP_ASSIGN)
+_ARITHMETIC_OPERATIONS = (
+    ca.OP_DIV,
+    ca.OP_MUL,
+    ca.OP_SQ,
+    ca.OP_ADD,
+    ca.OP_SUB,
+    ca.OP_TWICE,
+    ca.OP_NEG,
+    ca.OP_INV,
+    ca.OP_ASSIGN,
+)
 """Operations with an instruction of their own."""
 
-_TERMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN)
+_TERM_OPERATIONS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN)
 """Operations that keep what they add: of a difference of equal terms remains 0."""
 
-_HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
+_HALF_PI_PARTS = (1.5707963267948966, 6.123233995736766e-17)
 """pi/2 as a sum of two doubles, for an exact reduction of angles."""
 
-_SINE = (
+_SINE_COEFFICIENTS = (
     1.58969099521155010221e-10,
     -2.50507602534068634195e-08,
     2.75573137070700676789e-06,
@@ -84,7 +94,7 @@ _SINE = (
     8.33333333332248946124e-03,
     -1.66666666666666324348e-01,
 )
-_COSINE = (
+_COSINE_COEFFICIENTS = (
     -1.13596475577881948265e-11,
     2.08757232129817482790e-09,
     -2.75573143513906633035e-07,
@@ -133,7 +143,7 @@ class Stage:
 
 
 @dataclass
-class _Memory:
+class _FunctionMemory:
     """What is known of the values of a function while its instructions are written.
 
     Attributes:
@@ -157,28 +167,39 @@ class _Memory:
     products: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
-class _Writer:
-    """Writer of the lines of an LLVM function that operates on vectors of `width` lanes."""
+class _LaneWriter:
+    """Writer of the lines of an LLVM function that operates on vectors of `width` lanes.
+
+    Attributes:
+        width: number of lanes.
+        exact: whether results equal those of CasADi bit for bit.
+        vector, truths, integers: LLVM types of the values, conditions and integers of all lanes.
+        suffix: end of the names of LLVM's functions for this vector.
+        lines: the lines so far.
+        declared: declarations of the functions that are called.
+        sines: whether the function for sine and cosine (`_sine_function`) is called.
+        waiting: {input that is not loaded yet: number of its array}.
+        loaded: {input: LLVM name of its loaded value}.
+    """
 
     def __init__(self, width: int, exact: bool = False) -> None:
         self.width = width
         self.exact = exact
-        # LLVM types of the values, conditions and integers of all lanes
         if width > 1:
-            self.V = f"<{width} x double>"
-            self.B = f"<{width} x i1>"
-            self.I = f"<{width} x i64>"
+            self.vector = f"<{width} x double>"
+            self.truths = f"<{width} x i1>"
+            self.integers = f"<{width} x i64>"
             self.suffix = f"v{width}f64"
         else:
-            self.V = "double"
-            self.B = "i1"
-            self.I = "i64"
+            self.vector = "double"
+            self.truths = "i1"
+            self.integers = "i64"
             self.suffix = "f64"
         self.lines: list[str] = []
         self.declared: set[str] = set()
-        self.sines = False  # whether the function for sine and cosine is called
-        self.waiting: dict[str, int] = {}  # {input that is not loaded yet: number of its array}
-        self.loaded: dict[str, str] = {}  # {input: LLVM name of its loaded value}
+        self.sines = False
+        self.waiting: dict[str, int] = {}
+        self.loaded: dict[str, str] = {}
         self._count = 0
 
     def constant(self, x: float) -> str:
@@ -208,10 +229,10 @@ class _Writer:
 
     def intrinsic(self, name: str, *arguments: str) -> str:
         """Write a call of a function that LLVM provides for vectors; return the LLVM name of its result."""
-        function = f"{self.V} @llvm.{name}.{self.suffix}"
-        types = ", ".join([self.V] * len(arguments))
+        function = f"{self.vector} @llvm.{name}.{self.suffix}"
+        types = ", ".join([self.vector] * len(arguments))
         self.declared.add(f"declare {function}({types})")
-        return self.put(f"call {function}({_typed(self.V, arguments)})")
+        return self.put(f"call {function}({_typed(self.vector, arguments)})")
 
     def library(self, name: str, *arguments: str) -> str:
         """Write a call of a function of the C library; return the LLVM name of its result."""
@@ -221,18 +242,18 @@ class _Writer:
 
     def choose(self, condition: str, a: str, b: str) -> str:
         """Return the LLVM name of a where a condition is true, else of b."""
-        return self.put(f"select {self.B} {condition}, {self.V} {a}, {self.V} {b}")
+        return self.put(f"select {self.truths} {condition}, {self.vector} {a}, {self.vector} {b}")
 
     def true(self, x: str) -> str:
         """Return the LLVM name of the condition that a number is not 0."""
-        return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
+        return self.put(f"fcmp une {self.vector} {x}, {self.constant(0.0)}")
 
     def value(self, name: str) -> str:
         """Return the LLVM name of a value; inputs are loaded at their first use, which saves registers."""
         if name in self.waiting:
             number = self.waiting.pop(name)
             address = self.put(f"getelementptr double, ptr %in{number}, i64 %i")
-            self.loaded[name] = self.put(f"load {self.V}, ptr {address}, align 8")
+            self.loaded[name] = self.put(f"load {self.vector}, ptr {address}, align 8")
         return self.loaded.get(name, name)
 
     def call(
@@ -244,7 +265,7 @@ class _Writer:
         """
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
-        memory = _Memory(radicands=_radicands(function), reciprocals=reciprocals)
+        memory = _FunctionMemory(radicands=_radicands(function), reciprocals=reciprocals)
         zero = self.constant(0.0)
         results = []
         for output in range(function.n_out()):
@@ -275,13 +296,13 @@ class _Writer:
             memory.names[target] = result
         return results
 
-    def _operation(self, op: int, instruction: int, operands: Sequence[str], memory: _Memory) -> str | None:
-        """Return the LLVM name of the result of instruction k, an operation; None if it cannot be compiled."""
-        if self.exact and op in _LIBRARY:
-            return self.library(_LIBRARY[op], *operands)
+    def _operation(self, op: int, instruction: int, operands: Sequence[str], memory: _FunctionMemory) -> str | None:
+        """Return the LLVM name of the result of an operation; None if it cannot be compiled."""
+        if self.exact and op in _LIBRARY_FUNCTIONS:
+            return self.library(_LIBRARY_FUNCTIONS[op], *operands)
         a = operands[0]
         b = operands[-1]  # of an operation with one operand, this operand
-        if op in _ARITHMETIC:
+        if op in _ARITHMETIC_OPERATIONS:
             return self._arithmetic(op, instruction, a, b, memory)
         if op in (ca.OP_SIN, ca.OP_COS):
             sine, cosine = self._sine_cosine(a, memory)
@@ -294,15 +315,15 @@ class _Writer:
             if op == ca.OP_ATAN2:
                 memory.points[result] = (a, b)
             return result
-        if op in _INTRINSIC:
-            return self.intrinsic(_INTRINSIC[op], *operands)
-        if op in _LOGICAL:
+        if op in _INTRINSICS:
+            return self.intrinsic(_INTRINSICS[op], *operands)
+        if op in _LOGICAL_OPERATIONS:
             return self._logical(op, a, b)
         return None
 
-    def _arithmetic(self, op: int, instruction: int, a: str, b: str, memory: _Memory) -> str:
-        """Return the LLVM name of the result of one of the operations `_ARITHMETIC`; of one operand, `b` is `a`."""
-        V = self.V
+    def _arithmetic(self, op: int, instruction: int, a: str, b: str, memory: _FunctionMemory) -> str:
+        """Return the LLVM name of the result of one of `_ARITHMETIC_OPERATIONS`; of one operand, `b` is `a`."""
+        V = self.vector
         if op == ca.OP_DIV:
             return self._quotient(a, b, memory)
         if op == ca.OP_MUL:
@@ -322,11 +343,11 @@ class _Writer:
             return self.put(f"fdiv {V} {self.constant(1.0)}, {a}")
         return a  # OP_ASSIGN
 
-    def _quotient(self, a: str, b: str, memory: _Memory) -> str:
+    def _quotient(self, a: str, b: str, memory: _FunctionMemory) -> str:
         """Return the LLVM name of a / b, where it may be a product with the reciprocal of b."""
-        V = self.V
+        V = self.vector
         number = memory.numbers.get(b, 0.0)
-        if not self.exact and _invertible(number):
+        if not self.exact and _has_safe_reciprocal(number):
             # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
             return self._product(a, self.constant(1 / number), memory.products)
         if not memory.reciprocals:
@@ -336,32 +357,32 @@ class _Writer:
         return self._product(a, memory.inverses[b], memory.products)
 
     def _logical(self, op: int, a: str, b: str) -> str:
-        """Return the LLVM name of the result of one of the operations `_LOGICAL`; of one operand, `b` is `a`."""
+        """Return the LLVM name of the result of one of `_LOGICAL_OPERATIONS`; of one operand, `b` is `a`."""
         one = self.constant(1.0)
         zero = self.constant(0.0)
         if op == ca.OP_NOT:
             return self.choose(self.true(a), zero, one)
         if op == ca.OP_IF_ELSE_ZERO:
             return self.choose(self.true(a), b, zero)
-        if op in _COMPARED:
-            condition = self.put(f"fcmp {_COMPARED[op]} {self.V} {a}, {b}")
+        if op in _COMPARISONS:
+            condition = self.put(f"fcmp {_COMPARISONS[op]} {self.vector} {a}, {b}")
         else:
             word = "or"
             if op == ca.OP_AND:
                 word = "and"
-            condition = self.put(f"{word} {self.B} {self.true(a)}, {self.true(b)}")
+            condition = self.put(f"{word} {self.truths} {self.true(a)}, {self.true(b)}")
         return self.choose(condition, one, zero)
 
     def _product(self, a: str, b: str, products: dict[str, tuple[str, str]]) -> str:
         """Return the LLVM name of a product, and note its factors; one that only sums take in is not computed."""
-        result = self.put(f"fmul {self.V} {a}, {b}")
+        result = self.put(f"fmul {self.vector} {a}, {b}")
         if not self.exact:
             products[result] = (a, b)
         return result
 
     def _sum(self, a: str, b: str, products: Mapping[str, tuple[str, str]], *, minus: bool) -> str:
         """Return the LLVM name of a + b, or with `minus` of a - b; fused if one of them is a product."""
-        V = self.V
+        V = self.vector
         if a in products and b in products:
             products = {}
         if b in products:
@@ -378,27 +399,27 @@ class _Writer:
             return self.put(f"fsub {V} {a}, {b}")
         return self.put(f"fadd {V} {a}, {b}")
 
-    def _sine_cosine(self, angle: str, memory: _Memory) -> tuple[str, str]:
+    def _sine_cosine(self, angle: str, memory: _FunctionMemory) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of an angle, which are computed once."""
         if angle not in memory.sines:
             if angle in memory.points:
                 memory.sines[angle] = self._sine_of_point(*memory.points[angle])
             else:
-                memory.sines[angle] = self._sine(angle)
+                memory.sines[angle] = self._sine_of_angle(angle)
         return memory.sines[angle]
 
-    def _sine(self, x: str) -> tuple[str, str]:
+    def _sine_of_angle(self, x: str) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of x."""
         self.sines = True
-        pair = f"{{{self.V}, {self.V}}}"
-        both = self.put(f"call {pair} @sines({self.V} {x})")
+        pair = f"{{{self.vector}, {self.vector}}}"
+        both = self.put(f"call {pair} @sines({self.vector} {x})")
         sine = self.put(f"extractvalue {pair} {both}, 0")
         cosine = self.put(f"extractvalue {pair} {both}, 1")
         return sine, cosine
 
     def _sine_of_point(self, y: str, x: str) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of atan2(y, x), computed by a square root without an arc tangent."""
-        V = self.V
+        V = self.vector
         zero = self.constant(0.0)
         one = self.constant(1.0)
         x_squared = self.put(f"fmul {V} {x}, {x}")
@@ -442,7 +463,7 @@ def _radicands(function: ca.Function) -> set[int]:
         if op == ca.OP_OUTPUT:
             continue
         target = function.instruction_output(instruction)[0]
-        holds_term = target in rooted and op in _TERMS
+        holds_term = target in rooted and op in _TERM_OPERATIONS
         rooted.discard(target)
         if holds_term:
             instructions.add(instruction)
@@ -451,11 +472,11 @@ def _radicands(function: ca.Function) -> set[int]:
     return instructions
 
 
-def _sines(width: int) -> _Writer:
+def _sine_function(width: int) -> _LaneWriter:
     """Write the LLVM function for sine and cosine of %x: exact reduction by multiples of pi/2, then polynomials."""
-    w = _Writer(width)
-    V = w.V
-    integers = w.I
+    w = _LaneWriter(width)
+    V = w.vector
+    integers = w.integers
     pair = f"{{{V}, {V}}}"
     # the number of the quadrant, and r = x - quadrant * pi/2 within +-pi/4
     shifted = w.intrinsic("fma", "%x", w.constant(2 / 3.141592653589793), w.constant(_ROUNDING_SHIFT))
@@ -464,15 +485,15 @@ def _sines(width: int) -> _Writer:
     size = w.intrinsic("fabs", "%x")
     precise = w.put(f"fcmp olt {V} {size}, {w.constant(_LARGEST_ANGLE)}")
     r = w.choose(precise, "%x", w.constant(float("nan")))
-    for part in _HALF_PI:
+    for part in _HALF_PI_PARTS:
         r = w.intrinsic("fma", minus_quadrant, w.constant(part), r)
     # sin r = r + r³ P(r²), cos r = 1 - r²/2 + r⁴ Q(r²)
     z = w.put(f"fmul {V} {r}, {r}")
-    P = w.polynomial(_SINE, z)
+    P = w.polynomial(_SINE_COEFFICIENTS, z)
     r_cubed = w.put(f"fmul {V} {z}, {r}")
     sine = w.intrinsic("fma", P, r_cubed, r)
     parabola = w.intrinsic("fma", z, w.constant(-0.5), w.constant(1.0))
-    Q = w.polynomial(_COSINE, z)
+    Q = w.polynomial(_COSINE_COEFFICIENTS, z)
     z_squared = w.put(f"fmul {V} {z}, {z}")
     cosine = w.intrinsic("fma", Q, z_squared, parabola)
     # in odd quadrants, sine and cosine of x are cosine and sine of r
@@ -522,7 +543,7 @@ def emit(
     Raises:
         ValueError: an operation is not supported, or a function is not an SX function.
     """
-    w = _Writer(width, exact)
+    w = _LaneWriter(width, exact)
     head: list[str] = []
     value_names: dict[str, list[str]] = {}  # {argument or result: LLVM names of its numbers}
     carried_names = []
@@ -567,14 +588,14 @@ def emit(
     final_values = []
     for name in carried:
         final_values += value_names[name]
-    carried_phis, tail = _carry(w, carried_names, final_values, head)
+    carried_phis, tail = _carried_lines(w, carried_names, final_values, head)
     body = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]", *carried_phis, *w.lines]
     latch = [f"  %next = add i64 %i, {step}", f"  %more = icmp {loop_condition}"]
     return _module(w, head, body, latch, tail), counts
 
 
-def _carry(
-    w: _Writer, carried_names: Sequence[str], final_values: Sequence[str], head: list[str]
+def _carried_lines(
+    w: _LaneWriter, carried_names: Sequence[str], final_values: Sequence[str], head: list[str]
 ) -> tuple[list[str], list[str]]:
     """Return the lines that take carried values from the sample before, and those that store the last ones.
 
@@ -584,7 +605,7 @@ def _carry(
         final_values: LLVM names of their values after a sample.
         head: lines before the loop, which get those that load the initial values.
     """
-    V = w.V
+    V = w.vector
     phis = []
     stores = []
     for number, (name, final_value) in enumerate(zip(carried_names, final_values, strict=True)):
@@ -596,12 +617,12 @@ def _carry(
     return phis, stores
 
 
-def _module(w: _Writer, head: list[str], body: list[str], latch: list[str], tail: list[str]) -> str:
+def _module(w: _LaneWriter, head: list[str], body: list[str], latch: list[str], tail: list[str]) -> str:
     """Return the text of a kernel from the lines of its blocks, with the functions that it calls."""
     declared = w.declared
     sines = []
     if w.sines:
-        sine_writer = _sines(w.width)
+        sine_writer = _sine_function(w.width)
         sines = sine_writer.lines
         declared = declared | sine_writer.declared
     text = [
@@ -625,21 +646,21 @@ def _module(w: _Writer, head: list[str], body: list[str], latch: list[str], tail
     return "\n".join(text)
 
 
-def _store(w: _Writer, names: Sequence[str], head: list[str]) -> None:
+def _store(w: _LaneWriter, names: Sequence[str], head: list[str]) -> None:
     """Write the instructions that store results into the output arrays, whose addresses `head` loads."""
     for number, name in enumerate(names):
         value = w.value(name)
         head += _pointer("out", number)
         address = w.put(f"getelementptr double, ptr %out{number}, i64 %i")
-        w.line(f"store {w.V} {value}, ptr {address}, align 8")
+        w.line(f"store {w.vector} {value}, ptr {address}, align 8")
 
 
-def _invertible(x: float) -> bool:
+def _has_safe_reciprocal(x: float) -> bool:
     """Return whether multiplication by 1 / x equals division by x, except for rounding."""
     return _SMALLEST_DIVISOR < abs(x) < _LARGEST_DIVISOR
 
 
-def _prefetch(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+def _prefetch(w: _LaneWriter, inputs: Sequence[str], outputs: Sequence[str]) -> None:
     """Write instructions that prefetch the next samples: processors prefetch only a few arrays automatically."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
     ahead = w.put(f"add i64 %i, {_PREFETCH_DISTANCE * w.width}")
@@ -657,7 +678,7 @@ def _pointer(kind: str, number: int) -> list[str]:
     ]
 
 
-def _repeated(w: _Writer, number: int, stage: Stage, value_names: dict[str, list[str]], before: str) -> str:
+def _repeated(w: _LaneWriter, number: int, stage: Stage, value_names: dict[str, list[str]], before: str) -> str:
     """Write a stage that is repeated until its error is small; return the label of the next block."""
     block = f"repeat{number}"
     after = f"after{number}"
@@ -674,14 +695,14 @@ def _repeated(w: _Writer, number: int, stage: Stage, value_names: dict[str, list
     values = w.call(stage.function, list(map(arguments.__getitem__, stage.takes)), stage.reciprocals)
     results = dict(zip(stage.gives, values, strict=True))
     # false for NaN: a sample without solution does not delay the others
-    above = w.put(f"fcmp ogt {w.V} {results['error'][0]}, {w.constant(stage.tolerance)}")
+    above = w.put(f"fcmp ogt {w.vector} {results['error'][0]}, {w.constant(stage.tolerance)}")
     # %k counts the calls
     phis = [f"  %k{number} = phi i64 [ 1, %{before} ], [ %kn{number}, %{block} ]"]
     if w.width > 1:
         above = _keep_finished(w, number, results, arguments, fed_back, above, phis, (before, block))
     for name in fed_back:
         for argument, first, next_value in zip(arguments[name], value_names[name], results[name], strict=True):
-            phis.append(f"  {argument} = phi {w.V} [ {first}, %{before} ], [ {next_value}, %{block} ]")
+            phis.append(f"  {argument} = phi {w.vector} [ {first}, %{before} ], [ {next_value}, %{block} ]")
     w.lines[place_of_phis:place_of_phis] = phis
     w.line(f"%kn{number} = add i64 %k{number}, 1")
     calls_left = w.put(f"icmp slt i64 %k{number}, {stage.repeat}")
@@ -693,7 +714,7 @@ def _repeated(w: _Writer, number: int, stage: Stage, value_names: dict[str, list
 
 
 def _keep_finished(
-    w: _Writer,
+    w: _LaneWriter,
     number: int,
     results: dict[str, list[str]],
     arguments: Mapping[str, Sequence[str]],
@@ -728,10 +749,10 @@ def _keep_finished(
             lane_results.append(w.choose(unfinished, value, last))
         if name not in fed_back:
             for value, last in zip(lane_results, last_values, strict=True):
-                phis.append(f"  {last} = phi {w.V} [ {w.constant(0.0)}, %{before} ], [ {value}, %{block} ]")
+                phis.append(f"  {last} = phi {w.vector} [ {w.constant(0.0)}, %{before} ], [ {value}, %{block} ]")
         results[name] = lane_results
-    goes_on = w.put(f"and {w.B} {unfinished}, {above}")
-    phis.append(f"  {unfinished} = phi {w.B} [ splat (i1 true), %{before} ], [ {goes_on}, %{block} ]")
+    goes_on = w.put(f"and {w.truths} {unfinished}, {above}")
+    phis.append(f"  {unfinished} = phi {w.truths} [ splat (i1 true), %{before} ], [ {goes_on}, %{block} ]")
     any_lane = f"i1 @llvm.vector.reduce.or.v{w.width}i1"
-    w.declared.add(f"declare {any_lane}({w.B})")
-    return w.put(f"call {any_lane}({w.B} {goes_on})")
+    w.declared.add(f"declare {any_lane}({w.truths})")
+    return w.put(f"call {any_lane}({w.truths} {goes_on})")

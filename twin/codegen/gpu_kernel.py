@@ -15,7 +15,7 @@ from twin.core.errors import GpuError
 from twin.core.gpu import Address, Gpu
 from twin.core.spatial import Array
 
-_LANES = 2
+_LANE_COUNT = 2
 """Number of blocks under way: while one is computed, the other one is copied."""
 
 _BLOCK_SAMPLES = 1 << 18
@@ -24,10 +24,10 @@ _BLOCK_SAMPLES = 1 << 18
 _MEMORY_SHARE = 0.5
 """Maximum share of the GPU's free memory that is reserved; other programs use the GPU as well."""
 
-_LAUNCH_S = 1e-4
+_BLOCK_START_S = 1e-4
 """Time in s for starting the work of a block, and for one pass of Python over it."""
 
-_DOUBLE = 8
+_BYTES_PER_DOUBLE = 8
 """Bytes of a number."""
 
 _BYTES_PER_S = 5e9
@@ -77,7 +77,7 @@ class _Lanes:
     def __init__(self, gpu: Gpu) -> None:
         self.lock = threading.Lock()
         """Held during a call: its blocks use all lanes."""
-        self.lanes = [_Lane(gpu) for _ in range(_LANES)]
+        self.lanes = [_Lane(gpu) for _ in range(_LANE_COUNT)]
 
     @property
     def count(self) -> int:
@@ -133,8 +133,8 @@ class GpuKernel:
         if self._seconds_per_sample > 0:
             return self._seconds_per_sample * samples
         numbers = self.inputs + self.outputs
-        copying = _DOUBLE * numbers * samples / _BYTES_PER_S
-        starting = _LAUNCH_S * math.ceil(samples / _BLOCK_SAMPLES)
+        copying = _BYTES_PER_DOUBLE * numbers * samples / _BYTES_PER_S
+        starting = _BLOCK_START_S * math.ceil(samples / _BLOCK_SAMPLES)
         return copying + starting
 
     def columns(self, gpu: Gpu, input_arrays: Sequence[Array], results: Sequence[Array], begin: int, end: int) -> None:
@@ -205,12 +205,12 @@ class GpuKernel:
             begun = time.perf_counter()
             function = gpu.function(self.text, ENTRY)
             size = self._size(gpu, lanes, end - begin)
-            under_way: deque[_Block] = deque()
+            blocks_under_way: deque[_Block] = deque()
             try:
                 for turn, first in enumerate(range(begin, end, size)):
-                    if len(under_way) == _LANES:
-                        self._finish(gpu, under_way, drain)
-                    lane = lanes.lanes[turn % _LANES]
+                    if len(blocks_under_way) == _LANE_COUNT:
+                        self._finish(gpu, blocks_under_way, drain)
+                    lane = lanes.lanes[turn % _LANE_COUNT]
                     numbers, input_address = lane.memory(size * (self.inputs + self.outputs))
                     inputs = numbers[: size * self.inputs]
                     outputs = numbers[size * self.inputs :]
@@ -225,25 +225,25 @@ class GpuKernel:
                         distances_in = (size, 1)
                         distances_out = (size, 1)
                     arguments = (samples, input_address, *distances_in, output_address, *distances_out)
-                    under_way.append(block)
+                    blocks_under_way.append(block)
                     gpu.copy_to(input_address, inputs, lane.stream)
                     gpu.launch(function, math.ceil(samples / THREADS), THREADS, arguments, lane.stream)
                     gpu.copy_from(outputs, output_address, lane.stream)
-                while under_way:
-                    self._finish(gpu, under_way, drain)
+                while blocks_under_way:
+                    self._finish(gpu, blocks_under_way, drain)
             except BaseException:
                 # The memory of a lane must not be used again while the GPU still writes into it.
-                for block in under_way:
+                for block in blocks_under_way:
                     gpu.wait(block.lane.stream)
                 raise
             self._seconds_per_sample = (time.perf_counter() - begun) / (end - begin)
 
-    def _finish(self, gpu: Gpu, under_way: deque[_Block], drain: Callable[[_Block], None]) -> None:
+    def _finish(self, gpu: Gpu, blocks_under_way: deque[_Block], drain: Callable[[_Block], None]) -> None:
         """Wait for the oldest block, and copy its results."""
-        block = under_way[0]
+        block = blocks_under_way[0]
         gpu.wait(block.lane.stream)
         drain(block)
-        under_way.popleft()
+        blocks_under_way.popleft()
 
     def _size(self, gpu: Gpu, lanes: _Lanes, samples: int) -> int:
         """Return the number of samples in a block.
@@ -251,12 +251,12 @@ class GpuKernel:
         Raises:
             GpuError: the memory is too small for a block of one sample per thread of the smallest launch.
         """
-        bytes_per_sample = _DOUBLE * (self.inputs + self.outputs)
+        bytes_per_sample = _BYTES_PER_DOUBLE * (self.inputs + self.outputs)
         # what the lanes hold already is not free, but can be replaced
-        usable = _MEMORY_SHARE * (gpu.free_bytes() + _DOUBLE * lanes.count)
-        most = int(usable / (_LANES * bytes_per_sample))
+        usable = _MEMORY_SHARE * (gpu.free_bytes() + _BYTES_PER_DOUBLE * lanes.count)
+        most = int(usable / (_LANE_COUNT * bytes_per_sample))
         if most < min(samples, THREADS):
-            needed_bytes = _LANES * bytes_per_sample * THREADS / _MEMORY_SHARE
+            needed_bytes = _LANE_COUNT * bytes_per_sample * THREADS / _MEMORY_SHARE
             free = f"{gpu.name} has {gpu.free_bytes() / 1e6:.3g} MB of free memory"
             raise GpuError(
                 f"{free}; a kernel needs {needed_bytes / 1e6:.3g} MB: end other programs, or choose --device cpu"

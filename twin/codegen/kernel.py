@@ -24,22 +24,22 @@ from twin.core.jobs import usable_processors
 from twin.core.machine_code import compiled, lanes
 from twin.core.spatial import Array
 
-_CHUNK = 4096
+_CHUNK_SAMPLES = 4096
 """Minimum number of samples in a chunk. A chunk acquires Python's lock once."""
 
 _MOST_CHUNKS = 64
 """Maximum number of chunks."""
 
-_BLOCK = 1024
+_BLOCK_SAMPLES = 1024
 """Number of samples in a block that is transposed at once: input and output (20 numbers each) fit into the cache."""
 
-_WORTHWHILE_S = 2e-4
+_THREAD_WORTH_S = 2e-4
 """Minimum computing time in s for which a further thread is used."""
 
 _FEWEST_GPU_SAMPLES = 4096
 """Minimum number of samples for which a GPU is used."""
 
-_LOADING_S = 1.0
+_GPU_LOADING_S = 1.0
 """Time in s for loading a kernel into a GPU. A kernel has taken as long on the processor before a GPU is considered.
 
 How many calls will follow is not known: with this rule, a GPU that is faster costs at most about this time in vain.
@@ -95,10 +95,10 @@ class Kernel:
         if single or carried:
             self._width = 1
         text, self.outputs = emit(stages, inputs, outputs, self._width, self._carried, backwards, exact)
-        self._call, self._alive = compiled(text)
+        self._call, self._keeps_alive = compiled(text)
         self._stages = tuple(stages)
         self._exact = exact
-        self._busy = 0.0  # computing time of the processor in s, where the choice is "auto"
+        self._busy_s = 0.0  # computing time of the processor in s, where the choice is "auto"
         self._fails_on_gpu = False  # where the choice is "auto"
 
     def __call__(
@@ -171,8 +171,8 @@ class Kernel:
             return True
         if choice == "cpu" or seconds is None or samples < _FEWEST_GPU_SAMPLES or self._fails_on_gpu:
             return False
-        self._busy += seconds
-        if self._busy < _LOADING_S:
+        self._busy_s += seconds
+        if self._busy_s < _GPU_LOADING_S:
             return False
         card, _ = gpu.found()
         if card is None or self.for_gpu is None or self.for_gpu.seconds(samples) >= seconds:
@@ -249,17 +249,17 @@ class Kernel:
 
         if self._on_gpu(sample_count, compute):
             return result
-        begins = deque(range(0, sample_count, _BLOCK))
+        begins = deque(range(0, sample_count, _BLOCK_SAMPLES))
 
         def work(most: int = sample_count) -> None:
-            input_block = np.zeros((count, _BLOCK))
-            output_block = np.zeros((size, _BLOCK))
+            input_block = np.zeros((count, _BLOCK_SAMPLES))
+            output_block = np.zeros((size, _BLOCK_SAMPLES))
             ins = _pointers([input_block])
             outs = _pointers([output_block])
             with contextlib.suppress(IndexError):  # no block is left
                 for _ in range(most):
                     begin = begins.popleft()
-                    end = min(begin + _BLOCK, sample_count)
+                    end = min(begin + _BLOCK_SAMPLES, sample_count)
                     samples = end - begin
                     input_block[:, :samples] = Z[begin:end].T
                     vectors_end = math.ceil(samples / self._width) * self._width  # results beyond the end are discarded
@@ -351,10 +351,10 @@ class Kernel:
                 raise ValueError(f"argument `carry` has {carry.size} numbers; expected {expected}")
         elif self._carried:
             raise ValueError(f"argument `carry` is missing for {', '.join(self._carried)}")
-        if self._carried or threads == 1 or end - begin <= _CHUNK:
+        if self._carried or threads == 1 or end - begin <= _CHUNK_SAMPLES:
             self._call(begin, end, ins, outs, carry_address)
             return
-        size = _CHUNK * max(1, (end - begin) // (_CHUNK * _MOST_CHUNKS))
+        size = _CHUNK_SAMPLES * max(1, (end - begin) // (_CHUNK_SAMPLES * _MOST_CHUNKS))
         chunks: deque[tuple[int, int]] = deque()
         for first in range(begin, end, size):
             chunks.append((first, min(first + size, end)))
@@ -393,7 +393,7 @@ def _share(work: Callable[[], None], most: int, seconds: float) -> None:
         most: maximum number of threads, including this thread.
         seconds: computing time in s with one thread.
     """
-    thread_count = min(most, seconds / _WORTHWHILE_S, usable_processors())
+    thread_count = min(most, seconds / _THREAD_WORTH_S, usable_processors())
     helpers = []
     for _ in range(int(thread_count) - 1):
         helpers.append(_pool().submit(work))

@@ -11,14 +11,14 @@ from functools import cache
 
 import casadi as ca
 
-_ABOVE = (
+_NUMERATOR = (
     -8.750608600031904122785e-1,
     -1.615753718733365076637e1,
     -7.500855792314704667340e1,
     -1.228866684490136173410e2,
     -6.485021904942025371773e1,
 )
-_BELOW = (
+_DENOMINATOR = (
     1.0,
     2.485846490142306297962e1,
     1.650270098316988542046e2,
@@ -74,7 +74,7 @@ def _atan2(y: ca.SX, x: ca.SX) -> ca.SX:
     z = t * t
     start = by_slope(math.pi / 2, math.pi / 4, 0.0)
     start_rest = by_slope(_REST_OF_HALF_PI, _REST_OF_HALF_PI / 2, 0.0)
-    correction = t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + start_rest
+    correction = t * (z * _horner(_NUMERATOR, z) / _horner(_DENOMINATOR, z)) + start_rest
     angle = start + (t + correction)  # small terms first
     # the sign bit, because the angle of (0, -0.0) is pi
     is_left = ca.copysign(1, x) < 0

@@ -22,10 +22,10 @@ from twin.proof.frame_paths import FramePath, FramePaths
 from twin.proof.interval_pose import cross
 from twin.proof.intervals import Certainty, Intervals
 
-_ROWS = {"spherical": 3, "revolute": 5, "cylindrical": 4, "prismatic": 5, "fixed": 6, "free": 0}
+_ROW_COUNTS = {"spherical": 3, "revolute": 5, "cylindrical": 4, "prismatic": 5, "fixed": 6, "free": 0}
 """Number of closing conditions of each type."""
 
-_SMALLEST_PART = 1e-6
+_SMALLEST_REMAINDER = 1e-6
 """Length of the part of a derivative, in m or without unit, below which a condition follows from the others."""
 
 
@@ -100,7 +100,7 @@ class ClosingConditions:
         return Closure(joint, first, second, intervals.exactly(R_root))
 
     @property
-    def play(self) -> float:
+    def largest_redundant_gap(self) -> float:
         """Largest gap in m that tolerances can leave in a condition that follows from the others.
 
         Each of the two frames of each joint of a loop may be off by the tolerance along three axes.
@@ -171,7 +171,7 @@ class ClosingConditions:
                 for i, entry in enumerate(_derivatives(closure, first, second, number)):
                     low[:, row + i, column] = entry.low
                     high[:, row + i, column] = entry.high
-            row += _ROWS[closure.joint.type]
+            row += _ROW_COUNTS[closure.joint.type]
         return Intervals(low, high)
 
     def cones(self, x: Intervals, tool: ToolBox) -> list[tuple[Joint, Intervals]]:
@@ -208,7 +208,7 @@ def rows_of(closures: Sequence[Closure]) -> int:
     """Return the number of closing conditions."""
     count = 0
     for closure in closures:
-        count += _ROWS[closure.joint.type]
+        count += _ROW_COUNTS[closure.joint.type]
     return count
 
 
@@ -220,7 +220,7 @@ def are_lengths(closures: Sequence[Closure]) -> list[bool]:
         lengths = 3
         if kind in ("cylindrical", "prismatic"):
             lengths = 2  # their origins may differ along the axis
-        sines = _ROWS[kind] - lengths
+        sines = _ROW_COUNTS[kind] - lengths
         are_lengths_of_all += [True] * lengths + [False] * sines
     return are_lengths_of_all
 
@@ -229,13 +229,13 @@ def _conditions(closure: Closure, first: MovedFrame, second: MovedFrame) -> list
     """Return the numbers (n,) that are zero if a joint fits between its two frames."""
     kind = closure.joint.type
     shift = second.pose.p - first.pose.p
-    conditions = _along(closure, first, shift)
+    conditions = _offset_rows(closure, first, shift)
     if kind != "spherical":
-        conditions += _leaning(kind, first, second.pose.R[..., 2], second.pose.R[..., 1])
+        conditions += _axis_sines(kind, first, second.pose.R[..., 2], second.pose.R[..., 1])
     return conditions
 
 
-def _along(closure: Closure, first: MovedFrame, shift: Intervals) -> list[Intervals]:
+def _offset_rows(closure: Closure, first: MovedFrame, shift: Intervals) -> list[Intervals]:
     """Return the conditions of a shift d (n, 3), or of its derivative.
 
     Where both origins must meet, they may be in a constant frame; a slide needs the frame of the joint.
@@ -258,7 +258,7 @@ def _dot(a: Intervals, b: Intervals) -> Intervals:
     return intervals.total(a * b, -1)
 
 
-def _leaning(kind: str, first: MovedFrame, z: Intervals, y: Intervals) -> list[Intervals]:
+def _axis_sines(kind: str, first: MovedFrame, z: Intervals, y: Intervals) -> list[Intervals]:
     """Return the conditions of the second frame's z and y axes, or of their derivatives (n, 3)."""
     sines = [_dot(first.pose.R[..., 0], z), _dot(first.pose.R[..., 1], z)]
     if kind in ("prismatic", "fixed"):
@@ -290,9 +290,9 @@ def _derivatives(closure: Closure, first: MovedFrame, second: MovedFrame, number
         move = cross(axis, lever)
         turn_z = cross(axis, second.pose.R[..., 2])
         turn_y = cross(axis, second.pose.R[..., 1])
-    derivatives = _along(closure, first, move)
+    derivatives = _offset_rows(closure, first, move)
     if kind != "spherical":
-        derivatives += _leaning(kind, first, turn_z, turn_y)
+        derivatives += _axis_sines(kind, first, turn_z, turn_y)
     return derivatives
 
 
@@ -308,7 +308,7 @@ def independent_rows(J: Array, unknowns: Sequence[int]) -> list[int]:
     for _ in unknowns:
         sizes = np.linalg.norm(remainder, axis=1)
         row = int(sizes.argmax())
-        if sizes[row] < _SMALLEST_PART:
+        if sizes[row] < _SMALLEST_REMAINDER:
             raise TwinError(f"the loops leave {len(unknowns) - len(rows)} of {len(unknowns)} joint values free")
         unit = remainder[row] / sizes[row]
         remainder = remainder - np.outer(remainder @ unit, unit)
