@@ -172,8 +172,8 @@ def test_what_only_a_missing_package_can_draw_is_left_out_with_a_warning(tmp_pat
     told = [f.message for f in found.findings if f.code == "import.xacro"]
     assert told == [
         "arm.urdf:7: package 'looks' was not found, its file is not included.",
-        "arm.urdf:7: <xacro:blue> is not defined without it, and is left out.",
-        "'m_pi_2' is not defined without it, and is 1.5707963267948966, as its name says.",
+        "arm.urdf:7: <xacro:blue> is defined by no file that was found, and is left out.",
+        "'m_pi_2' is defined by no file that was found, and is 1.5707963267948966, as its name says.",
     ]
     assert found.mechanism.joint("q1").T_parent_joint[2, 3] == np.pi / 2
     path.write_text(text.replace("</visual>", "</visual><xacro:blue/>"))  # it could be a mass

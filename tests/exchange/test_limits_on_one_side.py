@@ -10,7 +10,7 @@ import pytest
 import twin
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.model_checks import check_limits, check_model
-from twin.exchange.formats.mjcf.write import mjcf_text
+from twin.exchange.formats.mjcf.write import mjcf_findings, mjcf_text
 from twin.exchange.formats.tracks.write import NO_LIMIT, track
 from twin.exchange.formats.urdf.audit import Urdf
 from twin.exchange.formats.urdf.read import read_urdf
@@ -53,6 +53,22 @@ def test_a_urdf_keeps_the_limit_and_programs_read_it(kind, limits, tmp_path):
     audited = Urdf(path, Ledger("arm.urdf")).content.mechanism
     assert audited is not None
     assert audited.joints[0].drive.limits == limits
+
+
+def test_limits_of_a_joint_with_two_coordinates_limit_neither(tmp_path):
+    """A slide in m and a hinge in rad would get the same numbers."""
+    inertia = Inertia(1.0, np.zeros(3), 1e-3 * np.eye(3))
+    joint = Joint("q", "cylindrical", "base", "link", limits=(-1.0, 1.0))
+    frame = Frame("tool", "link", np.eye(4))
+    mechanism = Mechanism("arm", "base", (Body("base"), Body("link", inertia=inertia)), (joint,), (frame,))
+    imported = read_urdf(write_urdf(mechanism, tmp_path)).mechanism
+    assert [(joint.name, joint.limits) for joint in imported.joints if joint.type != "fixed"] == [
+        ("q_slide", None),
+        ("q", None),
+    ]
+    assert not mujoco.MjModel.from_xml_string(mjcf_text(mechanism)).jnt_limited.any()
+    for findings in (urdf_findings(mechanism), mjcf_findings(mechanism)):
+        assert "the limits of q are left out" in " ".join(f.message for f in findings)
 
 
 def test_a_urdf_with_two_limits_says_nothing_of_one_side():

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
-from twin.core.errors import IncompleteError, SourceError
+from twin.core.errors import BudgetError, IncompleteError, SourceError
 from twin.core.extras import require
 from twin.core.foreign.budget import check_size, read_bytes
 from twin.core.foreign.consent import require_consent
@@ -25,7 +25,7 @@ SUFFIX = ".xacro"
 _EXPRESSION = re.compile(r"\$\{|\$\(")
 """Beginnings of expressions that only xacro replaces."""
 
-_NAMED = re.compile(rb"<robot\b[^>]*\sname\s*=")
+_NAMED_ROBOT = re.compile(rb"<robot\b[^>]*\sname\s*=")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ class Expanded:
 
     Attributes:
         data: the URDF, XML in UTF-8.
-        omitted: one sentence for each include or macro that was left out, because its package was not found.
+        omitted: one sentence for each include and macro that was left out, and for each constant that was assumed,
+            because the package that defines it was not found.
         places: {"joint/NAME/origin", ...: (file, line)}: where the elements of joints and links were written.
     """
 
@@ -83,9 +84,11 @@ class Expanded:
 
 def is_part(path: Path) -> bool:
     """Return whether a .xacro file is only for others to include: its <robot> has no name."""
+    if path.suffix.lower() != SUFFIX:
+        return False
     try:
-        return path.suffix.lower() == SUFFIX and _NAMED.search(path.read_bytes()) is None
-    except OSError:
+        return _NAMED_ROBOT.search(read_bytes(path, "XML")) is None
+    except (OSError, BudgetError):  # who reads the file as a robot says so
         return False
 
 
@@ -147,9 +150,9 @@ def expand(path: Path, xacro_settings: XacroSettings) -> Expanded:
     for package, file, line in outcome["missing"]:
         omitted.append(f"{_short(path, file)}:{line}: package '{package}' was not found, its file is not included.")
     for macro, file, line in _first_of_each(outcome["left_out"]):
-        omitted.append(f"{_short(path, file)}:{line}: <{macro}> is not defined without it, and is left out.")
+        omitted.append(f"{_short(path, file)}:{line}: <{macro}> is defined by no file that was found, and is left out.")
     for constant, value in outcome["lent"].items():
-        omitted.append(f"'{constant}' is not defined without it, and is {value:.17g}, as its name says.")
+        omitted.append(f"'{constant}' is defined by no file that was found, and is {value:.17g}, as its name says.")
     places = {}
     for name, (file, line) in outcome["places"].items():
         places[name] = (file, line)

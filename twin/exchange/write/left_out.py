@@ -30,6 +30,18 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
             yield info("export.left_out", names, f"{file}: the format cannot hold the {_WORDS[field]} of {names}")
 
 
+def limits_left_out(mechanism: Mechanism, file: str) -> Iterator[Finding]:
+    """Yield a finding on the joints with limits and several coordinates: limits do not say which of them they limit."""
+    names = []
+    for joint in mechanism.joints:
+        if joint.limits is not None and len(joint.free_axes) > 1:
+            names.append(joint.name)
+    if names:
+        listed = ", ".join(names)
+        text = f"{file}: the limits of {listed} are left out, because these joints have several coordinates"
+        yield info("export.left_out", listed, text)
+
+
 def motors_left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]:
     """Yield a finding for each of the given fields that is set in at least one actuator.
 

@@ -29,7 +29,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.write.assumed_masses import inertia_of, partly_shown, unweighed
-from twin.exchange.write.left_out import left_out, motors_left_out
+from twin.exchange.write.left_out import left_out, limits_left_out, motors_left_out
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.order import Order
 from twin.exchange.write.xml_text import gains, numbers, srgb, write_xml, xml_text
@@ -111,7 +111,7 @@ def mjcf_findings(mechanism: Mechanism, file: str = "") -> list[Finding]:
     findings += motors_left_out(mechanism, file, "max_speed")
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
     fields = ("soft_limits", "max_speed", "max_acceleration", "max_jerk", "cone")
-    return [*findings, *left_out(mechanism, file, *fields)]
+    return [*findings, *left_out(mechanism, file, *fields), *limits_left_out(mechanism, file)]
 
 
 class _Writer:
@@ -274,7 +274,8 @@ class _Writer:
             joint_element = ET.SubElement(element, "joint", attributes)
             if value:
                 joint_element.set("ref", numbers([value]))
-            if joint.limits is not None:
+            # Limits are of a single coordinate: of a slide with a hinge, they do not say of which.
+            if joint.limits is not None and len(joint.free_axes) == 1:
                 joint_element.set("range", numbers(joint.limits))
             self.qpos.append(float(value))
 

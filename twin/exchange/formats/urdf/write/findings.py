@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from twin.core.findings import Finding, Kind, info, warning
 from twin.exchange.formats.urdf.write.joints import NO_LIMIT
 from twin.exchange.write.assumed_masses import partly_shown, unweighed
-from twin.exchange.write.left_out import left_out, motors_left_out
+from twin.exchange.write.left_out import left_out, limits_left_out, motors_left_out
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.model.mimic_joints import Following, following
@@ -55,6 +55,7 @@ def urdf_findings(mechanism: Mechanism, name: str = "") -> list[Finding]:
         )
         findings.append(warning("export.urdf_coupling", coupling.name, text))
     findings += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
+    findings += limits_left_out(mechanism, file)
     findings += _limits_on_one_side(mechanism, file)
     if mechanism.gravity != EARTH:
         vector = ", ".join(map("{:g}".format, mechanism.gravity))

@@ -32,6 +32,9 @@ def add_joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
 
     `T_home` (4, 4) is the pose of the joint's frame on the child in its frame on the parent, at home.
     """
+    if len(joint.free_axes) > 1:
+        # They are of a single coordinate, and do not say of which: a slide in m, or a hinge in rad.
+        joint = replace(joint, limits=None, max_speed=None, drive=None)
     name = joint.name
     T_child_joint = joint.T_child_joint
     T_joint_child = spatial.inverse(T_child_joint)
@@ -46,19 +49,19 @@ def add_joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
         return
     x, y, z = np.eye(3)
     T = joint.T_parent_joint
-    steps = [(name, "revolute", z)]
+    chain = [(name, "revolute", z)]
     if joint.type == "cylindrical":
-        steps = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
+        chain = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
     elif joint.type == "spherical":
-        steps = [(f"{name}_x", "revolute", x), (f"{name}_y", "revolute", y), (f"{name}_z", "revolute", z)]
+        chain = [(f"{name}_x", "revolute", x), (f"{name}_y", "revolute", y), (f"{name}_z", "revolute", z)]
         T = T @ spatial.pose(T_home[:3, :3])  # so that all three angles are zero at home, far from their singularity
     inner = joint.parent
     if joint.type == "free":
         _add_urdf_joint(root, joint, name, "floating", (inner, joint.child), T @ T_home @ T_joint_child, z)
         return
-    for step, (part, kind, axis) in enumerate(steps):
+    for part, kind, axis in chain:
         outer = f"{part}_axis"
-        if step == len(steps) - 1:
+        if part == chain[-1][0]:  # the link of the last axis has the name of the joint
             outer = f"{name}_axis"
         add_inertial(ET.SubElement(root, "link", name=outer), AUXILIARY_INERTIA)
         _add_urdf_joint(root, joint, part, kind, (inner, outer), T, axis)
