@@ -146,7 +146,7 @@ def test_a_full_card_is_an_error_and_the_next_call_computes(card, monkeypatch):
 def test_auto_goes_on_with_the_processor_where_the_gpu_fails(card, monkeypatch):
     monkeypatch.setattr(kernel_module, "_GPU_LOADING_S", 0.0)
     monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
-    monkeypatch.setattr(gpu_kernel, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(gpu_kernel, "_BLOCK_START_S", 0.0)
     card.free = 100
     x = np.ones((2, 50_000))
     y = np.full((1, 50_000), 2.0)
@@ -226,7 +226,7 @@ def test_auto_moves_to_the_gpu_when_loading_it_has_paid(card, monkeypatch):
     assert device.name == PROCESSOR  # copying takes longer than the processor
 
     monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
-    monkeypatch.setattr(gpu_kernel, "_LAUNCH_S", 0.0)
+    monkeypatch.setattr(gpu_kernel, "_BLOCK_START_S", 0.0)
     with computing_on("auto") as device:
         found = kernel(x, y)
     assert device.name == card.name
