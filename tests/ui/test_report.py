@@ -14,7 +14,7 @@ from twin.core import errors
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter
 from twin.ui.report import render_html, write_report
-from twin.ui.report.html import _with_commands, command, key_figures, reason
+from twin.ui.report.html import _with_commands, command, key_figures, verdict_reason
 from twin.ui.report.residual_matrix import residual_matrix
 from twin.validation.result import Report, Residual
 
@@ -164,11 +164,13 @@ def test_a_variant_that_is_compared_has_its_reason_in_its_row(agree):
 
 
 def test_reason_of_each_verdict(agree, disagree):
-    assert reason(agree).startswith(f"All {sum(r.tolerance is not None for r in agree.residuals)} residuals with a")
+    assert verdict_reason(agree).startswith(
+        f"All {sum(r.tolerance is not None for r in agree.residuals)} residuals with a"
+    )
     first = next(f for f in disagree.findings if f.severity == "disagreement")
-    assert first.message[1:].rstrip(".") in reason(disagree)  # the gravest finding, in its own words
+    assert first.message[1:].rstrip(".") in verdict_reason(disagree)  # the gravest finding, in its own words
     unchecked = replace(make_report("unchecked", 50), series={})
-    assert reason(unchecked).startswith("limb1.shaft: cylinder of radius 8 mm")
+    assert verdict_reason(unchecked).startswith("limb1.shaft: cylinder of radius 8 mm")
     text = render_html(unchecked)
     assert "Could not check" in text
     assert "check near_mm" in text
@@ -176,13 +178,13 @@ def test_reason_of_each_verdict(agree, disagree):
 
 def test_reason_when_only_a_finding_disagrees(agree):
     missed = Finding("rcm.missed", "disagreement", "the shaft misses the RCM by 45.78 mm", size=45.78, unit="mm")
-    assert reason(replace(agree, findings=(missed,))) == "The shaft misses the RCM by 45.78 mm."
+    assert verdict_reason(replace(agree, findings=(missed,))) == "The shaft misses the RCM by 45.78 mm."
 
 
 def test_key_figures(disagree):
     found = {f["label"]: f for f in key_figures(disagree)}
     assert next(iter(found)) == "eq1 (printed)"
-    assert found["eq1 (printed)"]["value"] in reason(disagree), "tile and sentence show one number"
+    assert found["eq1 (printed)"]["value"] in verdict_reason(disagree), "tile and sentence show one number"
     assert found["eq1 (printed)"]["state"] == "bad"
     assert found["Tool position, A–B"]["note"] == "follows from point s1"
     assert found["RCM error"]["state"] == "good"

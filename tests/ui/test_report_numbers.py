@@ -20,7 +20,7 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
         y[peak] = 9.0
         y[(peak + 3000) % 15000] = -9.0
         y[5000:5200] = np.nan if not 5000 <= peak < 5200 else 1.0
-        tt, yy = plot_data.thin(t, y)
+        tt, yy = plot_data.thinned_curve(t, y)
         assert len(tt) <= plot_data.MAX_CURVE_POINTS
         assert (tt[0], tt[-1]) == (t[0], t[-1])
         assert np.all(np.diff(tt) > 0)
@@ -29,7 +29,7 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
             continue
         assert np.isnan(yy[(tt > t[5010]) & (tt < t[5190])]).all()
         assert np.isnan(yy).any()
-    assert plot_data.thin(t[:50], t[:50])[0] is not None
+    assert plot_data.thinned_curve(t[:50], t[:50])[0] is not None
 
 
 @pytest.mark.parametrize(

@@ -172,14 +172,14 @@ def printed(short):
 
 @pytest.mark.slow
 def test_one_fault_has_one_number_everywhere(printed):
-    from twin.ui.report.html import key_figures, reason, word
+    from twin.ui.report.html import key_figures, verdict_reason, verdict_word
 
     (cause,) = printed.causes
     assert cause.name == "eq1 (printed)"
     assert {f.where for f in (cause.head, *cause.also)} == {"s1", "s3"}
     number = f"{cause.head.size:.4g} mm"
-    assert word(printed) == "Equations (A) and CAD (B) differ"
-    assert number in reason(printed)
+    assert verdict_word(printed) == "Equations (A) and CAD (B) differ"
+    assert number in verdict_reason(printed)
     tiles = key_figures(printed)
     assert number == tiles[0]["value"]
     assert [t["label"] for t in tiles if t["state"] == "bad"] == ["eq1 (printed)"]

@@ -14,7 +14,7 @@ from twin.core import spatial
 from twin.core.quantity import deg, mm
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.report.style import PALETTE, sheet, styled
+from twin.ui.report.style import PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def figure(comparison: Comparison) -> Figure:
     """Return a picture of both robots of the worst pair: lines from joint to joint, ending at the tool."""
     pair = max(comparison.pairs, key=_worst_distance)
-    drawing = sheet(f"{pair.first.label} and {pair.second.label}", 6.5)
+    drawing = titled_figure(f"{pair.first.label} and {pair.second.label}", 6.5)
     ax = drawing.add_subplot(projection="3d")
     q_first: Mapping[str, float] = {}
     q_second: Mapping[str, float] = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.report.style import FIT, GRID, INK, PALETTE, UNFIT, sheet, styled
+from twin.ui.report.style import FIT, GRID, INK, PALETTE, UNFIT, styled, titled_figure
 from twin.validation.console_result import Clause, ConsoleResult
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def figure(contract: ConsoleResult) -> Figure:
     for name in by_equation:
         variant = contract.variants.get(name, "?")
         readings.append(f"{name}={variant}")
-    drawing = sheet(f"{contract.console}: {', '.join(readings)}", 4.2)
+    drawing = titled_figure(f"{contract.console}: {', '.join(readings)}", 4.2)
     left_axes, right_axes = drawing.subplots(1, 2)
     drawing.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
     _draw_clauses(left_axes, by_equation)

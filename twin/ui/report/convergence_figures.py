@@ -42,7 +42,7 @@ def convergence(report: Report) -> Figure | None:
     for i, (ax, key) in enumerate(zip(axes[0], keys, strict=True)):
         history = np.asarray(report.series[key])
         outcome = np.asarray(report.series[f"{key}.outcome"])
-        _draw(ax, history, outcome)
+        _draw_searches(ax, history, outcome)
         ax.set_title(SEARCHES[key], loc="left", fontsize=9, color=INK, pad=48)
         lines, labels = ax.get_legend_handles_labels()
         ax.legend(
@@ -55,7 +55,7 @@ def convergence(report: Report) -> Figure | None:
             labelspacing=0.2,
             fontsize=8.5,
         )
-        log_ticks(ax, [1e-16, 1e-12, 1e-8, 1e-4, 1.0], _length)
+        log_ticks(ax, [1e-16, 1e-12, 1e-8, 1e-4, 1.0], _length_label)
         ax.set_ylim(_MIN_RESIDUAL, _MAX_RESIDUAL)
         ax.set_xlim(0, _LAST_STEP)
         ax.set_xlabel("step")
@@ -77,13 +77,13 @@ def convergence(report: Report) -> Figure | None:
     return figure
 
 
-def _length(value: float) -> str:
+def _length_label(value: float) -> str:
     if value == 1.0:
         return "1 m"
     return f"{power(value, 1)} m".removeprefix("1×")
 
 
-def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
+def _draw_searches(ax: Axes, history: Array, outcome: np.ndarray) -> None:
     """Draw some of the searches of each outcome; the legend states the numbers of all.
 
     `history` (searches, steps) has the residual after each step, NaN after the last one; `outcome` (searches,) has the

@@ -186,7 +186,7 @@ def _missing(report: Report) -> Iterator[str]:
         yield "the USD stage"
     if "B-D" not in pairs:
         yield "the baked motion"
-    if plot_data.pair(report, "clearance", "clearance_t") is None:
+    if plot_data.curve_of(report, "clearance", "clearance_t") is None:
         yield "collisions"
     open_rows = sum(row.tolerance is None for row in report.residuals)
     if open_rows:

@@ -13,7 +13,7 @@ from twin.simulation.campaigns.attacked_session import HARM
 from twin.simulation.campaigns.roc import dangerous, in_time
 from twin.simulation.campaigns.summary import Hazards
 from twin.simulation.controllers.cue import Cue
-from twin.ui.report.style import BAND, INK, PALETTE, sheet, styled
+from twin.ui.report.style import BAND, INK, PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,16 +39,16 @@ def figure(campaign: Hazards) -> Figure:
     n = len(campaign.by_class)
     height = 5.2 + 0.28 * n
     sessions = count(len(campaign.rows), "session")
-    drawing = sheet(f"{campaign.robot}: {sessions} of '{campaign.table.title}'", height)
+    drawing = titled_figure(f"{campaign.robot}: {sessions} of '{campaign.table.title}'", height)
     grid = drawing.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
     drawing.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
-    _peaks(drawing.add_subplot(grid[0, :]), campaign)
-    _roc(drawing.add_subplot(grid[1, 0]), campaign)
-    _times(drawing.add_subplot(grid[1, 1]), campaign)
+    _draw_peaks(drawing.add_subplot(grid[0, :]), campaign)
+    _draw_roc(drawing.add_subplot(grid[1, 0]), campaign)
+    _draw_response_times(drawing.add_subplot(grid[1, 1]), campaign)
     return drawing
 
 
-def _peaks(ax: Axes, campaign: Hazards) -> None:
+def _draw_peaks(ax: Axes, campaign: Hazards) -> None:
     """Draw a row for each class of faults, with a point for each session."""
     size = 5
     if len(campaign.rows) > _CROWDED_SESSIONS:
@@ -91,7 +91,7 @@ def _limit(ax: Axes, limit: float, meaning: str, side: Literal["left", "right"])
     ax.text(limit, -0.75, f"{limit:g} mm: {meaning}", fontsize=7.5, ha=side, va="bottom")
 
 
-def _roc(ax: Axes, campaign: Hazards) -> None:
+def _draw_roc(ax: Axes, campaign: Hazards) -> None:
     """Draw the ROC curves with a dot at each limit in use, and a triangle for the checks of the robot's software."""
     for k, curve in enumerate(campaign.roc):
         color = PALETTE[k % 2]
@@ -120,7 +120,7 @@ def _roc(ax: Axes, campaign: Hazards) -> None:
     _legend(ax, loc="lower right")
 
 
-def _times(ax: Axes, campaign: Hazards) -> None:
+def _draw_response_times(ax: Axes, campaign: Hazards) -> None:
     """Draw the share of sessions in which the scripted trainee has noticed, or acted, by a time after the fault."""
     responses = []
     for row in campaign.rows:

@@ -35,7 +35,7 @@ VERDICTS = {
     "disagree": "",
     "unchecked": "Could not check",
 }
-"""Headline of the report for each verdict; "": the function `word` makes the headline."""
+"""Headline of the report for each verdict; "": the function `verdict_word` makes the headline."""
 
 CAPTIONS = {
     "residual_matrix": "Worst residual of every compared quantity over all samples. Read a row from left to right: the "
@@ -85,7 +85,7 @@ def render_html(
     pictures = {}
     for name, figure in figures.items():
         caption = CAPTIONS.get(name, name)
-        axes = style.hover(figure, name)
+        axes = style.hover_data(figure, name)
         svg = style.svg(figure, name, f"{caption} {title}")
         pictures[name] = {"svg": Markup(svg), "caption": caption, "axes": json.dumps(axes) if axes else ""}
     robot_data = Markup("")
@@ -104,15 +104,15 @@ def render_html(
         numbers[parameter.provenance] += 1
     return _template().render(
         report=report,
-        word=word(report),
-        reason=reason(report),
+        word=verdict_word(report),
+        reason=verdict_reason(report),
         to_do=_with_commands(report),
         figures_strip=key_figures(report),
         causes=report.causes,
         grave=grave,
         infos=infos,
         counts=_counts(report),
-        groups=_groups(report),
+        groups=_pair_groups(report),
         pictures=pictures,
         plots=_plots(report, pictures),
         drawable=style.drawable(),
@@ -151,13 +151,13 @@ def _without_cause(report: Report) -> list[Finding]:
     return others
 
 
-def word(report: Report) -> str:
+def verdict_word(report: Report) -> str:
     """Return the headline for the verdict; for a disagreement, it names the models that disagree."""
     text = VERDICTS[report.verdict] or SIDES[report.causes[0].side]
     return _capitalised(text)
 
 
-def reason(report: Report) -> str:
+def verdict_reason(report: Report) -> str:
     """Return the reason for the verdict as one sentence."""
     if report.verdict == "unchecked":
         return f"{_sentence(report.causes[0].head)} Unchecked quantities have no verdict."
@@ -267,7 +267,7 @@ def _sentence(finding: Finding) -> str:
 
 
 def _headline_figure(report: Report) -> list[dict[str, str]]:
-    """Return the first cause's key number, a value that `reason` also states; [] without cause or without value."""
+    """Return the first cause's key number, which `verdict_reason` also states; [] without cause or value."""
     if report.verdict != "disagree":
         return []
     cause = report.causes[0]
@@ -290,9 +290,9 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 def _rcm_figure(report: Report) -> dict[str, str]:
     """Return the mechanism's RCM error (if unknown, the planned RCM error), with the limit from the protocol."""
     rows = plot_data.rows(report, "rcm", "m")
-    planned = plot_data.pair(report, "rcm_error")
+    planned = plot_data.curve_of(report, "rcm_error")
     if rows:
-        value = max(rows, key=_size).worst
+        value = max(rows, key=_failing_size).worst
     elif planned is not None:
         _, errors = planned
         value = float(np.nanmax(errors))
@@ -312,7 +312,7 @@ def _rcm_figure(report: Report) -> dict[str, str]:
     return _key_figure("RCM error", fmt.deviation(value, "m", limit), note, state)
 
 
-def _size(row: Residual) -> float:
+def _failing_size(row: Residual) -> float:
     """Return the worst value of a residual; one that could not be computed (NaN) counts as infinite."""
     if math.isnan(row.worst):
         return math.inf
@@ -320,7 +320,7 @@ def _size(row: Residual) -> float:
 
 
 def _clearance_figure(report: Report) -> dict[str, str]:
-    curve = plot_data.pair(report, "clearance", "clearance_t")
+    curve = plot_data.curve_of(report, "clearance", "clearance_t")
     if curve is None or curve[1].ndim != 1:
         return _key_figure("Minimum clearance", fmt.NONE, "not computed")
     t, distances = curve
@@ -359,7 +359,7 @@ def _counts(report: Report) -> list[str]:
     return texts
 
 
-def _groups(report: Report) -> list[JsonObject]:
+def _pair_groups(report: Report) -> list[JsonObject]:
     """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
     groups = []
     for pair in pair_names(report):
@@ -422,13 +422,13 @@ def _parameter_value(p: Parameter) -> str:
     return fmt.shown(p.shown, p.unit, 6)
 
 
-def _when(row: Residual) -> str:
+def _worst_time(row: Residual) -> str:
     if not math.isfinite(row.t):
         return fmt.NONE
     return fmt.seconds(row.t)
 
 
-def _bar(finding: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
+def _limit_bar(finding: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
     """Return the positions, 0 to 100, of a finding's size and limit on a linear bar; None without size or limit.
 
     The bar ends at the largest of these values: the size, twice the limit, and the sizes of the findings `beside` in
@@ -467,8 +467,8 @@ def _template() -> Template:
         count=fmt.count,
         label=label,
         value=_parameter_value,
-        when=_when,
-        bar=_bar,
+        when=_worst_time,
+        bar=_limit_bar,
         capital=_capitalised,
         times_limit=times_limit,
         times=lambda r: fmt.ratio(r.worst, r.tolerance),

@@ -11,7 +11,7 @@ from twin.core.units import MM
 from twin.simulation.devices.hand import Goal
 from twin.simulation.operator_trials import Operated, Trial
 from twin.simulation.trial import remaining
-from twin.ui.report.style import BAND, INK, PALETTE, UNFIT, log_ticks, sheet, styled
+from twin.ui.report.style import BAND, INK, PALETTE, UNFIT, log_ticks, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +45,7 @@ def figure(operated: Operated) -> Figure:
     height = 1.0 + 2.2 * len(shown_trials)
     title = f"{operated.robot}, {operated.protocol}: "
     title += "remaining distance of the simulated operator (hand and tremor ASSUMED)"
-    drawing = sheet(title, height)
+    drawing = titled_figure(title, height)
     axes = drawing.subplots(len(shown_trials), 1, squeeze=False, sharex=True)[:, 0]
     drawing.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
     for ax, trial in zip(axes, shown_trials, strict=True):
@@ -54,7 +54,7 @@ def figure(operated: Operated) -> Figure:
         # the axis is logarithmic: 0 would not be drawn
         distance = np.maximum(remaining(trial.record, operated.goals) / MM, _MIN_DISTANCE)
         ax.plot(t, distance, color=PALETTE[0], linewidth=1.0)
-        log_ticks(ax, list(_DISTANCE_TICKS), _tick)
+        log_ticks(ax, list(_DISTANCE_TICKS), _distance_label)
         pedal_up = ~trial.record.pedal
         band = ax.get_xaxis_transform()  # heights as fractions of the axes
         ax.fill_between(t, 0, 0.05, where=pedal_up, transform=band, color=PALETTE[1], linewidth=0)
@@ -92,7 +92,7 @@ def _draw_insertions(ax: Axes, trial: Trial, goals: Sequence[Goal]) -> None:
         ax.annotate(text, place, xycoords=ax.get_xaxis_transform(), color=color, ha="center", fontsize=8)
 
 
-def _tick(value: float) -> str:
+def _distance_label(value: float) -> str:
     # a power of ten that matplotlib returns can differ from the key by rounding
     nearest = min(_DISTANCE_TICKS, key=lambda tick: abs(tick - value))
     return _DISTANCE_TICKS[nearest]

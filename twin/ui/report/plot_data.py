@@ -13,7 +13,7 @@ MAX_CURVE_POINTS = 2000
 """Maximum number of points in a drawn curve."""
 
 
-def thin(t: Array, y: Array, points: int = MAX_CURVE_POINTS) -> tuple[Array, Array]:
+def thinned_curve(t: Array, y: Array, points: int = MAX_CURVE_POINTS) -> tuple[Array, Array]:
     """Return at most `points` samples (t, y) of a curve, chosen so that the plot of the curve looks the same.
 
     The samples are divided into equally long intervals. The result has the minimum, the maximum and the first NaN of
@@ -47,7 +47,7 @@ def thin(t: Array, y: Array, points: int = MAX_CURVE_POINTS) -> tuple[Array, Arr
     return t[index], y[index]
 
 
-def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
+def curve_of(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | None:
     """Return (t, values): the series `times` and the series `key`.
 
     The result is None if a series is missing or has fewer than two samples, if the lengths of the two series differ, or
@@ -68,13 +68,13 @@ def pair(report: Report, key: str, times: str = "t") -> tuple[Array, Array] | No
     return t, np.where(finite, y, np.nan)
 
 
-def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
-    """Yield (name, t, values) of each series `<prefix>.<name>` that can be drawn; see `pair`."""
+def curves_of_prefix(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, Array, Array]]:
+    """Yield (name, t, values) of each series `<prefix>.<name>` that can be drawn; see `curve_of`."""
     start = f"{prefix}."
     for key in report.series:
         if not key.startswith(start):
             continue
-        curve = pair(report, key, times)
+        curve = curve_of(report, key, times)
         if curve is None:
             continue
         t, y = curve

@@ -22,16 +22,16 @@ from twin.ui.report.style import (
     PALETTE,
     UNFIT,
     XYZ,
-    at,
     headline,
     legend_above,
     legend_beside,
     limit_line,
     log_axis,
-    mark,
+    mark_sample,
     panels,
     phase_bands,
     styled,
+    value_at_time,
 )
 from twin.validation.report_curves import OUTER_POINT_DISTANCE
 from twin.validation.result import Report, RowKind
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_Line = tuple[str, Array, Array]
+_Curve = tuple[str, Array, Array]
 """Label, times in s and values of a curve."""
 
 _DERIVATIVES = (("displacement", ""), ("speed", "/s"), ("acceleration", "/s²"))
@@ -61,7 +61,7 @@ def active_joints(report: Report) -> Figure | None:
     series: list[tuple[Array, Array]] = []
     columns_of_series = []
     for key in ("q", "qd", "qdd"):
-        curve = plot_data.pair(report, key)
+        curve = plot_data.curve_of(report, key)
         if curve is None or curve[1].ndim != 2:
             return None
         series.append(curve)
@@ -85,11 +85,11 @@ def active_joints(report: Report) -> Figure | None:
             times, values = series[r]
             for j, name in enumerate(names):
                 if units[j] == unit:
-                    t, y = plot_data.thin(times, values[:, j] / factor)
+                    t, y = plot_data.thinned_curve(times, values[:, j] / factor)
                     ax.plot(t, y, label=name, **_line_style(j))
             ax.set_ylabel(f"{what} [{sign}{per}]")
         legend_above(axes[0][c])
-    return _finish(figure, axes, report)
+    return _with_phase_bands(figure, axes, report)
 
 
 def tool_motion(report: Report) -> Figure | None:
@@ -97,15 +97,15 @@ def tool_motion(report: Report) -> Figure | None:
 
     Black dashed lines show the motion of the independent model, if the report contains it.
     """
-    if plot_data.pair(report, "p_tool") is None:
+    if plot_data.curve_of(report, "p_tool") is None:
         return None
     angular = _angles(report, "angles", "t")
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
     for row, (what, per) in enumerate(_DERIVATIVES):
         key = "pva"[row]
-        linear = plot_data.pair(report, f"{key}_tool")
-        reference = plot_data.pair(report, f"{key}_tool_B", "t_coarse")
+        linear = plot_data.curve_of(report, f"{key}_tool")
+        reference = plot_data.curve_of(report, f"{key}_tool_B", "t_coarse")
         _draw_xyz(axes[row][0], linear, reference, "xyz", MM)
         axes[row][0].set_ylabel(f"{what} [mm{per}]")
     if angular:
@@ -116,7 +116,7 @@ def tool_motion(report: Report) -> Figure | None:
             axes[row][1].set_ylabel(f"{what} [°{per}]")
     for ax in axes[0]:
         legend_above(ax)
-    return _finish(figure, axes, report)
+    return _with_phase_bands(figure, axes, report)
 
 
 def residuals(report: Report) -> Figure | None:
@@ -146,7 +146,7 @@ def residuals(report: Report) -> Figure | None:
             else:
                 style = _line_style(colored)
                 colored += 1
-            t_drawn, y_drawn = plot_data.thin(t, np.maximum(np.abs(y), floor), _MAX_NOISY_POINTS)
+            t_drawn, y_drawn = plot_data.thinned_curve(t, np.maximum(np.abs(y), floor), _MAX_NOISY_POINTS)
             ax.plot(t_drawn, y_drawn, label=name, **style)
         for limit in sorted(set(limits)):
             limit_line(ax, limit, f"tolerance {quantity(limit, group.unit)}")
@@ -163,23 +163,23 @@ class _ResidualGroup:
 
     title: str
     unit: str
-    lines: list[_Line]
+    lines: list[_Curve]
     kinds: tuple[RowKind, ...]
 
 
 def _residual_groups(report: Report) -> list[_ResidualGroup]:
     """Return the groups of residuals for which the report has curves."""
-    positions: list[_Line] = []
-    tool = plot_data.pair(report, "residual_tool")
+    positions: list[_Curve] = []
+    tool = plot_data.curve_of(report, "residual_tool")
     if tool is not None:
         positions.append(("tool", *tool))
-    positions += plot_data.named(report, "residual_point", "t_coarse")
-    driven: dict[str, list[_Line]] = {"m": [], "rad": []}
-    for line in plot_data.named(report, "residual_driven", "t_coarse"):
+    positions += plot_data.curves_of_prefix(report, "residual_point", "t_coarse")
+    driven: dict[str, list[_Curve]] = {"m": [], "rad": []}
+    for line in plot_data.curves_of_prefix(report, "residual_driven", "t_coarse"):
         unit = plot_data.joint_unit(report, line[0])
         driven[unit].append(line)
-    rotations: list[_Line] = []
-    rotation = plot_data.pair(report, "residual_rotation")
+    rotations: list[_Curve] = []
+    rotation = plot_data.curve_of(report, "residual_rotation")
     if rotation is not None:
         rotations.append(("tool", *rotation))
     groups = []
@@ -196,7 +196,7 @@ def _residual_groups(report: Report) -> list[_ResidualGroup]:
 
 def rcm(report: Report) -> Figure | None:
     """Draw the distance of the shaft axis from the registered RCM, and the maximum allowed distance."""
-    curve = plot_data.pair(report, "rcm_error")
+    curve = plot_data.curve_of(report, "rcm_error")
     if curve is None or curve[1].ndim != 1:
         return None
     t, y = curve
@@ -206,20 +206,20 @@ def rcm(report: Report) -> Figure | None:
     ax = axes[0][0]
     log_axis(ax, "m", [y], [limit] if limit else [])
     floor, _ = ax.get_ylim()
-    t_drawn, y_drawn = plot_data.thin(t, np.maximum(y, floor), _MAX_NOISY_POINTS)
+    t_drawn, y_drawn = plot_data.thinned_curve(t, np.maximum(y, floor), _MAX_NOISY_POINTS)
     ax.plot(t_drawn, y_drawn, color=PALETTE[0])
     limit_line(ax, limit, f"allowed {quantity(limit, 'm')}")
     k = int(np.nanargmax(y))
     worst = float(y[k])
     color = UNFIT if limit and worst > limit else INK
-    mark(ax, float(t[k]), worst, at(worst, "m", float(t[k]), limit), color)
+    mark_sample(ax, float(t[k]), worst, value_at_time(worst, "m", float(t[k]), limit), color)
     ax.set_ylabel("shaft axis to RCM")
     return figure
 
 
 def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacements of the tip and of a point of the outer shaft; the two have opposite signs."""
-    curve = plot_data.pair(report, "fulcrum")
+    curve = plot_data.curve_of(report, "fulcrum")
     if curve is None or curve[1].ndim != 2:
         return None
     t, displacements = curve
@@ -230,25 +230,27 @@ def fulcrum(report: Report) -> Figure | None:
     figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
     ax = axes[0][0]
     ax.axhline(0, color=INK, lw=0.6)
-    ax.plot(*plot_data.thin(t, tip), color=PALETTE[0], label="tip")
+    ax.plot(*plot_data.thinned_curve(t, tip), color=PALETTE[0], label="tip")
     ax.plot(
-        *plot_data.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTER_POINT_DISTANCE / MM:g} mm outside the trocar"
+        *plot_data.thinned_curve(t, shaft),
+        color=PALETTE[1],
+        label=f"shaft, {OUTER_POINT_DISTANCE / MM:g} mm outside the trocar",
     )
     ax.set_ylabel("sideways [mm]")
     legend_above(ax)
-    return _finish(figure, axes, report)
+    return _with_phase_bands(figure, axes, report)
 
 
 def margins(report: Report) -> Figure | None:
     """Draw over time: distance to the nearest joint limit, distances to the end of the reach, singularity measures."""
-    groups: dict[str, list[_Line]] = {}
-    limit = plot_data.pair(report, "limit_margin")
+    groups: dict[str, list[_Curve]] = {}
+    limit = plot_data.curve_of(report, "limit_margin")
     if limit is not None and limit[1].ndim == 1:
         groups["joint limits"] = [("nearest joint", *limit)]
-    reach = list(plot_data.named(report, "reach"))
+    reach = list(plot_data.curves_of_prefix(report, "reach"))
     if reach:
         groups["reach"] = reach
-    measures = list(plot_data.named(report, "singularity"))
+    measures = list(plot_data.curves_of_prefix(report, "singularity"))
     if measures:
         groups["singularity"] = measures
     if not groups:
@@ -270,7 +272,7 @@ def margins(report: Report) -> Figure | None:
 
 def clearance(report: Report) -> Figure | None:
     """Draw the minimum distance between two bodies over time; pairs of bodies that touch by design are excluded."""
-    curve = plot_data.pair(report, "clearance", "clearance_t")
+    curve = plot_data.curve_of(report, "clearance", "clearance_t")
     if curve is None or curve[1].ndim != 1:
         return None
     figure, axes = panels(headline("Minimum clearance", report), [1.8], 1, head=0.62)
@@ -325,7 +327,7 @@ def _line_style(i: int) -> JsonObject:
     return {"color": PALETTE[color], "ls": dashes[repetition % len(dashes)]}
 
 
-def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
+def _with_phase_bands(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
     phase_bands(axes, report.phases)
     for row in axes:
         for ax in row:
@@ -335,7 +337,7 @@ def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
 
 def _angles(report: Report, key: str, times: str) -> list[tuple[Array, Array]] | None:
     """Return (t, values) of the series `key` of angles in rad, its rate and its second derivative; None: no curve."""
-    curve = plot_data.pair(report, key, times)
+    curve = plot_data.curve_of(report, key, times)
     if curve is None:
         return None
     t, angles = curve
@@ -357,31 +359,31 @@ def _draw_xyz(
     """Draw the three components of a vector over time, and above them, dashed, those of the independent model."""
     if line is not None and line[1].ndim == 2:
         for i, name in enumerate(names):
-            t, y = plot_data.thin(line[0], line[1][:, i] / factor)
+            t, y = plot_data.thinned_curve(line[0], line[1][:, i] / factor)
             ax.plot(t, y, color=XYZ[i], lw=1.8, label=name)
     if reference is not None and reference[1].ndim == 2:
         label = "mechanism (B)"
         for i in range(len(names)):
-            t, y = plot_data.thin(reference[0], reference[1][:, i] / factor, 400)
+            t, y = plot_data.thinned_curve(reference[0], reference[1][:, i] / factor, 400)
             ax.plot(t, y, color=INK, lw=1.0, ls=(0, (3, 3)), label=label)
             label = ""  # one entry of the legend for the three components
 
 
-def _draw_distances(ax: Axes, lines: list[_Line]) -> None:
+def _draw_distances(ax: Axes, lines: list[_Curve]) -> None:
     """Draw distances in m on an axis in mm that begins at zero, and mark the smallest."""
-    scaled: list[_Line] = []
+    scaled: list[_Curve] = []
     for i, (name, t, y) in enumerate(lines):
         distance = y / MM
         scaled.append((name, t, distance))
-        t_drawn, distance_drawn = plot_data.thin(t, distance)
+        t_drawn, distance_drawn = plot_data.thinned_curve(t, distance)
         ax.plot(t_drawn, distance_drawn, label=name, **_line_style(i))
     _zero_based(ax, scaled)
-    _mark_least(ax, scaled, lambda distance: quantity(distance * MM, "m"))
+    _mark_smallest(ax, scaled, lambda distance: quantity(distance * MM, "m"))
 
 
-def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> None:
+def _draw_measures(ax: Axes, lines: list[_Curve], alarms: dict[str, float]) -> None:
     """Draw the absolute value of each measure, divided by its alarm value; all but the five smallest are grey."""
-    relative: list[_Line] = []
+    relative: list[_Curve] = []
     for name, t, y in lines:
         alarm = alarms.get(name, 1.0)
         relative.append((name, t, np.abs(y) / alarm))
@@ -389,14 +391,14 @@ def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> No
     # instead of a single grey curve, a sixth coloured one
     colored = len(relative) if len(relative) <= 6 else 5
     for i, (name, t, y) in enumerate(relative):
-        t_drawn, y_drawn = plot_data.thin(t, y)
+        t_drawn, y_drawn = plot_data.thinned_curve(t, y)
         if i < colored:
             ax.plot(t_drawn, y_drawn, label=name, zorder=2, **_line_style(i))
             continue
         # one entry of the legend for all grey curves
         label = f"{len(relative) - colored} others" if i == colored else ""
         ax.plot(t_drawn, y_drawn, label=label, zorder=1.5, color="#9aa5b1", lw=0.9)
-    _, largest = _range(relative)
+    _, largest = _value_range(relative)
     if alarms and largest > 20:
         ax.set_yscale("log")
     else:
@@ -406,10 +408,10 @@ def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> No
         ax.set_ylabel("singularity / alarm")
     else:
         ax.set_ylabel("singularity")
-    _mark_least(ax, relative[:1], lambda measure: f"{measure:.3g}")
+    _mark_smallest(ax, relative[:1], lambda measure: f"{measure:.3g}")
 
 
-def _range(lines: list[_Line]) -> tuple[float, float]:
+def _value_range(lines: list[_Curve]) -> tuple[float, float]:
     """Return the smallest and the largest value of all curves."""
     low = np.inf
     high = -np.inf
@@ -419,26 +421,26 @@ def _range(lines: list[_Line]) -> tuple[float, float]:
     return low, high
 
 
-def _zero_based(ax: Axes, lines: list[_Line]) -> None:
+def _zero_based(ax: Axes, lines: list[_Curve]) -> None:
     """Begin the y axis at zero, or below zero if a value is negative."""
-    low, high = _range(lines)
+    low, high = _value_range(lines)
     ax.set_ylim(min(0.0, 1.15 * low), max(high, 0.0) * 1.12 or 1.0)
     if low < 0:
         ax.axhspan(ax.get_ylim()[0], 0, color=UNFIT, alpha=0.12, lw=0)
         ax.axhline(0, color=UNFIT, lw=1.0)
 
 
-def _mark_least(ax: Axes, lines: list[_Line], text: Callable[[float], str]) -> None:
+def _mark_smallest(ax: Axes, lines: list[_Curve], text: Callable[[float], str]) -> None:
     """Mark the smallest value of all curves, in red if it is negative; `text` returns the text of a value."""
     _, times, y = min(lines, key=lambda line: float(np.nanmin(line[2])))
     k = int(np.nanargmin(y))
     t = float(times[k])
     value = float(y[k])
     color = UNFIT if value < 0 else INK
-    mark(ax, t, value, f"{text(value)} at {seconds(t)}", color, below=True)
+    mark_sample(ax, t, value, f"{text(value)} at {seconds(t)}", color, below=True)
 
 
-def _mark_worst(ax: Axes, unit: str, lines: list[_Line], limit: float) -> None:
+def _mark_worst(ax: Axes, unit: str, lines: list[_Curve], limit: float) -> None:
     """Mark the largest residual, in red if it exceeds its tolerance."""
     name, times, y = max(lines, key=lambda line: float(np.nanmax(np.abs(line[2]))))
     k = int(np.nanargmax(np.abs(y)))
@@ -446,8 +448,8 @@ def _mark_worst(ax: Axes, unit: str, lines: list[_Line], limit: float) -> None:
     value = float(abs(y[k]))
     if value <= 0:
         return
-    text = at(value, unit, t, limit)
+    text = value_at_time(value, unit, t, limit)
     if len(lines) > 1:
         text = f"{name}: {text}"
     color = UNFIT if value > limit else FIT
-    mark(ax, t, value, text, color)
+    mark_sample(ax, t, value, text, color)

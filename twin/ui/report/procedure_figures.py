@@ -16,8 +16,8 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.simulation.world.signal_kinds import ORGAN_DEPTH, ORGAN_FREED, ORGAN_NODES, ROBOT_PULL, VESSEL_SEEN
-from twin.ui.report.plot_data import thin
-from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator, styled
+from twin.ui.report.plot_data import thinned_curve
+from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator_text, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def figure(session: ProcedureSession) -> Figure:
     from matplotlib.figure import Figure
 
     t = session.run.recording.t
-    rows = _rows(session)
+    rows = _measured_curves(session)
     passed = []
     for check in session.measures.checks:
         if check.t is not None:
@@ -40,7 +40,7 @@ def figure(session: ProcedureSession) -> Figure:
     drawing = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
     axes = drawing.subplots(len(rows), 1, sharex=True)
     for ax, row in zip(axes, rows, strict=True):
-        t_drawn, values = thin(t, row.values, _MAX_CURVE_POINTS)
+        t_drawn, values = thinned_curve(t, row.values, _MAX_CURVE_POINTS)
         ax.plot(t_drawn, values, color=PALETTE[0], lw=1.0)
         low = min(0.0, float(row.values.min()))
         high = max(row.top, float(row.values.max()))
@@ -64,13 +64,13 @@ def figure(session: ProcedureSession) -> Figure:
             va="bottom",
         )
     axes[-1].set_xlabel("time [s]")
-    title = f"{session.scene.name}: {session.task.name}, {operator(session.seed)}"
+    title = f"{session.scene.name}: {session.task.name}, {operator_text(session.seed)}"
     drawing.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
     return drawing
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _MeasuredCurve:
     """A measured value over time, with its limit.
 
     The axis extends at least to `top`, so that small noise looks like a straight line.
@@ -82,7 +82,7 @@ class _Measured:
     top: float
 
 
-def _rows(session: ProcedureSession) -> list[_Measured]:
+def _measured_curves(session: ProcedureSession) -> list[_MeasuredCurve]:
     """Return the measured values of a session."""
     log = session.run.recording
     procedure = session.procedure
@@ -99,9 +99,9 @@ def _rows(session: ProcedureSession) -> list[_Measured]:
     visible = log[VESSEL_SEEN.of(procedure.vessel)][:, 0]
     freed = log[ORGAN_FREED.of(procedure.organ)].mean(axis=1)
     return [
-        _Measured(f"{organ} raised [mm]", lift, None, procedure.lift_mm),
-        _Measured("pull [N]", np.max(pulls, axis=0), None, 1.0),
-        _Measured(f"share of {vessel} seen", visible, procedure.seen, 1.0),
-        _Measured("share of bed detached", freed, None, 1.0),
-        _Measured("depth in organs [mm]", np.max(depths, axis=0) / MM, procedure.depth_mm, procedure.depth_mm),
+        _MeasuredCurve(f"{organ} raised [mm]", lift, None, procedure.lift_mm),
+        _MeasuredCurve("pull [N]", np.max(pulls, axis=0), None, 1.0),
+        _MeasuredCurve(f"share of {vessel} seen", visible, procedure.seen, 1.0),
+        _MeasuredCurve("share of bed detached", freed, None, 1.0),
+        _MeasuredCurve("depth in organs [mm]", np.max(depths, axis=0) / MM, procedure.depth_mm, procedure.depth_mm),
     ]

@@ -60,7 +60,7 @@ def _draw_speeds(ax: Axes, motion: ProvedMotion) -> None:
         if claim.group in groups.SPEEDS and np.isfinite(claim.limit):
             claims.append(claim)
     if not claims:
-        _empty(ax, "no speed has a limit")
+        _write_reason(ax, "no speed has a limit")
         return
     highs = []
     lows = []
@@ -77,7 +77,7 @@ def _draw_speeds(ax: Axes, motion: ProvedMotion) -> None:
         sampled = np.max(samples, axis=0)
     # the cells of all curves of a motion begin at the same times
     t = motion.proof.curves[claims[0].group, claims[0].name].t
-    _band(ax, t, np.max(lows, axis=0), np.max(highs, axis=0), motion, sampled, PALETTE[0])
+    _draw_band(ax, t, np.max(lows, axis=0), np.max(highs, axis=0), motion, sampled, PALETTE[0])
     ax.axhline(1.0, color=UNFIT, lw=0.8)
     ax.set_title("fastest of joints, motors and tool", fontsize=8.5, loc="left", pad=3)
 
@@ -96,7 +96,7 @@ def _draw_margins(ax: Axes, motion: ProvedMotion) -> None:
             least = share
             nearest = claim
     if nearest is None:
-        _empty(ax, "no joint has limits")
+        _write_reason(ax, "no joint has limits")
         return
     factor = MM
     unit = "mm"
@@ -108,7 +108,7 @@ def _draw_margins(ax: Axes, motion: ProvedMotion) -> None:
     values = None
     if sampled is not None:
         values = sampled / factor
-    _band(ax, curve.t, curve.low / factor, curve.high / factor, motion, values, PALETTE[2])
+    _draw_band(ax, curve.t, curve.low / factor, curve.high / factor, motion, values, PALETTE[2])
     ax.axhline(nearest.limit / factor, color=UNFIT, lw=0.8)
     ax.set_title(f"nearest: {nearest.name} [{unit}]", fontsize=8.5, loc="left", pad=3)
 
@@ -117,7 +117,7 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
     """Draw the distance of the shaft from the RCM, with its tolerance."""
     claims = [claim for claim in motion.proof.claims if claim.group == groups.RCM]
     if not claims:
-        _empty(ax, "no RCM is registered")
+        _write_reason(ax, "no RCM is registered")
         return
     for claim in claims:
         curve = motion.proof.curves[claim.group, claim.name]
@@ -128,7 +128,7 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
         values = None
         if sampled is not None:
             values = np.maximum(sampled, _MIN_RCM_DISTANCE)
-        _band(ax, curve.t, low, high, motion, values, PALETTE[1])
+        _draw_band(ax, curve.t, low, high, motion, values, PALETTE[1])
         ax.axhline(claim.limit, color=UNFIT, lw=0.8)
     top = max(claim.high for claim in claims)
     top = max(top, claims[0].limit)
@@ -141,15 +141,17 @@ def _draw_determinant(ax: Axes, motion: ProvedMotion) -> None:
     """Draw the determinant of the loops' Jacobian."""
     key = (groups.DETERMINANT, groups.LOOPS)
     if key not in motion.proof.curves:
-        _empty(ax, "the mechanism has no loops")
+        _write_reason(ax, "the mechanism has no loops")
         return
     curve = motion.proof.curves[key]
-    _band(ax, curve.t, curve.low, curve.high, motion, motion.samples.values.get(key), PALETTE[6])
+    _draw_band(ax, curve.t, curve.low, curve.high, motion, motion.samples.values.get(key), PALETTE[6])
     ax.set_ylim(bottom=0.0)
     ax.set_title("Jacobian of the loops", fontsize=8.5, loc="left", pad=3)
 
 
-def _band(ax: Axes, t: Array, low: Array, high: Array, motion: ProvedMotion, sampled: Array | None, color: str) -> None:
+def _draw_band(
+    ax: Axes, t: Array, low: Array, high: Array, motion: ProvedMotion, sampled: Array | None, color: str
+) -> None:
     """Draw bounds (M,) in the cells between times t (M + 1,) as a band with its edges, and samples as points."""
     low = np.where(np.isfinite(low), low, np.nan)
     high = np.where(np.isfinite(high), high, np.nan)
@@ -162,7 +164,7 @@ def _band(ax: Axes, t: Array, low: Array, high: Array, motion: ProvedMotion, sam
         ax.plot(motion.samples.t[::stride], sampled[::stride], ".", color=INK, ms=2.5)
 
 
-def _empty(ax: Axes, text: str) -> None:
+def _write_reason(ax: Axes, text: str) -> None:
     """Write why there is nothing to draw."""
     ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes, color=INK)
     ax.set_yticks([])

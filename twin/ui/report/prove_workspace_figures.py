@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.analysis.proven_workspace import ProvenWorkspace
 from twin.core.units import MM
-from twin.ui.report.style import PALETTE, sheet, styled
+from twin.ui.report.style import PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,7 @@ def figure(workspace: ProvenWorkspace) -> Figure | None:
     """Return three sections of the proved boxes, by planes through their common middle; None if there is no box."""
     if not len(workspace.proof.low):
         return None
-    drawing = sheet(f"{workspace.robot}: tool positions proved assembled, within limits and not singular", 3.6)
+    drawing = titled_figure(f"{workspace.robot}: tool positions proved assembled, within limits and not singular", 3.6)
     axes = drawing.subplots(1, len(_SECTION_AXES))
     drawing.subplots_adjust(left=0.08, right=0.98, top=0.78, bottom=0.16, wspace=0.4)
     for ax, section in zip(axes.flat, _SECTION_AXES, strict=True):

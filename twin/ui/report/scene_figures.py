@@ -11,7 +11,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.simulation.scene_play import Played
-from twin.ui.report.style import BAND, PALETTE, UNFIT, log_ticks, sheet, styled
+from twin.ui.report.style import BAND, PALETTE, UNFIT, log_ticks, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +50,7 @@ def distances(
     `pairs` has the distances (k,) in m of each pair at the times t (k,) in s; `required` is the required distance in m.
     """
     height = 4.6 + 0.32 * len(rows)
-    drawing = sheet(title, height)
+    drawing = titled_figure(title, height)
     spaces = {"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12}
     top, below = drawing.subplots(2, 1, sharex=True, gridspec_kw=spaces)
     names = [row.name for row in rows]

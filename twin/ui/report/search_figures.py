@@ -43,7 +43,7 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
         for i, (name, search) in enumerate(searches.items()):
             if (search.cost, search.unit) != (cost, unit):
                 continue
-            _draw(ax, name, search, PALETTE[i % len(PALETTE)])
+            _draw_search(ax, name, search, PALETTE[i % len(PALETTE)])
             for search_round in search.rounds:
                 counts.add(search_round.samples)
         sign = "mm" if unit == "m" else pretty_unit(unit)
@@ -57,7 +57,7 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
     return drawing
 
 
-def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
+def _draw_search(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
     scale = MM if search.unit == "m" else 1.0
     x = np.array([search_round.samples for search_round in search.rounds], float)

@@ -36,8 +36,8 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_MEETS,
     ROBOT_TOUCHES,
 )
-from twin.ui.report.plot_data import thin
-from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator, sheet, styled
+from twin.ui.report.plot_data import thinned_curve
+from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator_text, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,9 @@ def figure(session: ConsoleSession) -> Figure:
     base = foot + bands + speeds + 0.75
     height = 5.9 + bands
     tall = height - base - 0.8
-    drawing = sheet(f"{session.scene.name}: session of {session.run.duration:.1f} s, {operator(session.seed)}", height)
+    drawing = titled_figure(
+        f"{session.scene.name}: session of {session.run.duration:.1f} s, {operator_text(session.seed)}", height
+    )
     # in inches: space for the names of the bands; a name of an arm with 8 letters or more needs the larger one
     name_space = 1.2 if longest < 8 else 1.5
     x = name_space / WIDTH
@@ -82,37 +84,37 @@ def figure(session: ConsoleSession) -> Figure:
     for i in range(len(_VIEWS)):
         place = (x + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
         ax = drawing.add_axes(place)
-        _view(ax, i, session, arms)
+        _draw_view(ax, i, session, arms)
         ax.grid(True, color=GRID)
         ax.tick_params(length=2.5)
     for i, (hand, name) in enumerate(arms):
         drawing.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
-    _speeds(middle, session, arms)
-    _bands(low, session, arms, rows)
+    _draw_speeds(middle, session, arms)
+    _draw_bands(low, session, arms, rows)
     return drawing
 
 
-def _view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+def _draw_view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the upper left (i = 0) or upper right (i = 1) panel."""
     if session.training and view == 1:
-        _deviation(ax, session)
+        _draw_deviation(ax, session)
         return
     outcome = session.outcome
     if not isinstance(outcome, AlignOutcome):
         title, x, y = _VIEWS[view]
-        _paths(ax, session, arms, title, x, y)
+        _draw_paths(ax, session, arms, title, x, y)
         return
     if view == 0:
-        _picture(ax, outcome.aligned, outcome.required)
+        _draw_picture(ax, outcome.aligned, outcome.required)
     else:
-        _angle(ax, session, outcome.aligned, outcome.required)
+        _draw_angle(ax, session, outcome.aligned, outcome.required)
 
 
-def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+def _draw_speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the speed of each tip over time, and the limit below which a tip is at rest."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
         speed = movement.speed(session.arms[name].tip, session.run.recording.dt) / MM
-        t, y = thin(session.t, speed, _MAX_CURVE_POINTS)
+        t, y = thinned_curve(session.t, speed, _MAX_CURVE_POINTS)
         ax.plot(t, y, color=color, lw=0.8)
     rest_radius = movement.RESTS / MM
     ax.axhline(rest_radius, color=INK, lw=0.6, ls=(0, (5, 2)))
@@ -131,7 +133,7 @@ def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> N
     ax.tick_params(labelbottom=False, length=2.5)
 
 
-def _picture(ax: Axes, aligned: AlignMeasures, goal: Alignment) -> None:
+def _draw_picture(ax: Axes, aligned: AlignMeasures, goal: Alignment) -> None:
     """Draw, as seen in the picture, the target line, and the rectangle's upper side at the start and at the end."""
     half = goal.line
     ax.plot([-half, half], [0, 0], color=INK, lw=3, alpha=0.35)
@@ -145,11 +147,11 @@ def _picture(ax: Axes, aligned: AlignMeasures, goal: Alignment) -> None:
     ax.set_title("picture: thick = target line; thin = upper side at start (dashed), end", loc="left", fontsize=9)
 
 
-def _angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
+def _draw_angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
     """Draw, over time, the angle in the picture from target line to upper side of the rectangle; mark the tolerance."""
     side = aligned.course[:, 1] - aligned.course[:, 0]
     angle = np.arctan2(side[:, 1], side[:, 0]) / DEG
-    t, y = thin(session.t, angle, _MAX_CURVE_POINTS)
+    t, y = thinned_curve(session.t, angle, _MAX_CURVE_POINTS)
     ax.plot(t, y, color=PALETTE[2], lw=1.0)
     tolerance = goal.tolerance / DEG
     ax.axhspan(-tolerance, tolerance, color=NEAR, alpha=0.4, lw=0)
@@ -157,11 +159,11 @@ def _angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal: Alig
     ax.yaxis.tick_right()
 
 
-def _deviation(ax: Axes, session: ConsoleSession) -> None:
+def _draw_deviation(ax: Axes, session: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
     colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
     for k, machine in enumerate(session.training):
-        times, shown_deviation = thin(machine.t, machine.deviation / MM, _MAX_CURVE_POINTS)
+        times, shown_deviation = thinned_curve(machine.t, machine.deviation / MM, _MAX_CURVE_POINTS)
         ax.plot(times, shown_deviation, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
         for step in machine.steps:
             if step.phase in colors:
@@ -173,20 +175,20 @@ def _deviation(ax: Axes, session: ConsoleSession) -> None:
     ax.yaxis.tick_right()
 
 
-def _paths(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
+def _draw_paths(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
     """Draw paths of the tips with targets, or with rings and pegs, or with ring and wire, along the axes x and y."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
         tip = session.arms[name].tip / MM
-        _path(ax, tip[:, [x, y]], color=color, lw=0.8)
+        _draw_path(ax, tip[:, [x, y]], color=color, lw=0.8)
         ax.plot(tip[:1, x], tip[:1, y], "o", ms=5, mfc="none", mec=color)
-    legend = _task_marks(ax, session, arms, x, y)
+    legend = _draw_task_marks(ax, session, arms, x, y)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=8)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
 
 
-def _task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], x: int, y: int) -> str:
+def _draw_task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], x: int, y: int) -> str:
     """Draw what the task is about, along the axes x and y; return the text of the legend, "" without such a task."""
     outcome = session.outcome
     task = session.task
@@ -203,7 +205,7 @@ def _task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], 
     if isinstance(outcome, BoardOutcome):
         for transfer in required_goal(task, Transfers).transfers:
             ring = _positions(session, transfer.ring) / MM
-            _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
+            _draw_path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
             peg = outcome.pegs[transfer.peg].end / MM
             ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
         return ", dashed = rings, square = peg"
@@ -211,12 +213,12 @@ def _task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], 
         ring = _positions(session, required_goal(task, GuideTable).ring) / MM
         wire = outcome.wire / MM
         ax.plot(wire[:, x], wire[:, y], color=INK, lw=3, alpha=0.35)
-        _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
+        _draw_path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
         return ", dashed = ring, grey = wire"
     return ""
 
 
-def _path(ax: Axes, points: Array, **style: Any) -> None:
+def _draw_path(ax: Axes, points: Array, **style: Any) -> None:
     """Draw a path (k, 2) by every n-th point, so that there are about `_MAX_CURVE_POINTS` points."""
     step = max(1, len(points) // _MAX_CURVE_POINTS)
     ax.plot(points[::step, 0], points[::step, 1], **style)
@@ -262,7 +264,7 @@ def _rows(session: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
     return rows
 
 
-def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
+def _draw_bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
     """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
     log = session.run.recording
     t = session.t
@@ -277,7 +279,7 @@ def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows:
         grip = log[HAND_GRIP.of(hand)][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)
-        times, shown_opening = thin(t, opening, _MAX_CURVE_POINTS)
+        times, shown_opening = thinned_curve(t, opening, _MAX_CURVE_POINTS)
         # the y axis points down
         ax.plot(times, len(names) + 0.35 - 0.7 * shown_opening, color=_color(arms, hand), lw=1.0)
         names.append(f"{hand} grip, {span / DEG:.0f}°")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.units import DEG, MM, UM
-from twin.ui.report.style import PALETTE, log_ticks, sheet, styled
+from twin.ui.report.style import PALETTE, log_ticks, styled, titled_figure
 from twin.validation.stroke_result import Strokes
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def figure(strokes: Strokes) -> Figure:
     top = _axis_end(strokes, required)
     height = 0.9 + 2.3 * len(sweeps)
     title = f"{strokes.robot}: position error of the tool over the range of each joint, the other joints at home"
-    drawing = sheet(title, height)
+    drawing = titled_figure(title, height)
     axes = drawing.subplots(len(sweeps), 1, squeeze=False)[:, 0]
     drawing.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
     for ax, sweep in zip(axes, sweeps, strict=True):
@@ -48,7 +48,7 @@ def figure(strokes: Strokes) -> Figure:
                 ax.plot(x, error, color=color, label=name, linewidth=1.3)
         if required is not None:
             ax.axhline(required, color="#555555", linewidth=0.9, linestyle="--", label=f"required: {required:g} µm")
-        log_ticks(ax, [10.0**k for k in range(-9, 6, 3)], _tick)
+        log_ticks(ax, [10.0**k for k in range(-9, 6, 3)], _error_label)
         ax.set_ylim(_MIN_ERROR / 3, top)
         ax.set_ylabel("error")
         ax.set_xlabel(f"{sweep.joint} [{unit}]")
@@ -69,6 +69,6 @@ def _axis_end(strokes: Strokes, required: float | None) -> float:
     return 10 * largest
 
 
-def _tick(value: float) -> str:
+def _error_label(value: float) -> str:
     exponent = round(math.log10(value))
     return _ERROR_LABELS.get(exponent, "")

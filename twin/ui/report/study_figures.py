@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.ui.report.style import GRID, INK, PALETTE, sheet, styled
+from twin.ui.report.style import GRID, INK, PALETTE, styled, titled_figure
 from twin.validation.rank_tests import Ranks, label
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def figure(ranks: Ranks) -> Figure:
         columns = 2
 
     height = 0.75 + _ROW_HEIGHT * len(names)
-    drawing = sheet(f"{ranks.file}: groups", height)
+    drawing = titled_figure(f"{ranks.file}: groups", height)
     axes = drawing.subplots(len(names), columns, squeeze=False)
     drawing.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.7, wspace=0.25)
     if constants:
@@ -57,13 +57,13 @@ def figure(ranks: Ranks) -> Figure:
         if group not in colors:
             colors[group] = PALETTE[len(colors) % len(PALETTE)]
     for row, name in zip(axes, names, strict=True):
-        _boxes(row[0], users.samples(name), name, colors, _LETTERS_PER_LINE // columns)
+        _draw_boxes(row[0], users.samples(name), name, colors, _LETTERS_PER_LINE // columns)
         if columns == 2:
-            _course(row[1], ranks, name, colors)
+            _draw_course(row[1], ranks, name, colors)
     return drawing
 
 
-def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
+def _draw_boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
     """Draw a box plot and the values of each sample; up to `letters` letters fit on a line below the axes."""
     scatter_names = {}
     for sample, values in samples.items():
@@ -94,7 +94,7 @@ def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, 
     ax.tick_params(length=2.5)
 
 
-def _course(ax: Axes, ranks: Ranks, name: str, colors: Mapping[str, str]) -> None:
+def _draw_course(ax: Axes, ranks: Ranks, name: str, colors: Mapping[str, str]) -> None:
     """Draw the values of a measure over the number of the session, and the median of each group."""
     users = ranks.users
     values = np.array(users.measures[name], float)

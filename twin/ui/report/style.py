@@ -109,7 +109,7 @@ def styled(salt: str = "twin") -> Iterator[None]:
         yield
 
 
-def sheet(title: str, height: float) -> Figure:
+def titled_figure(title: str, height: float) -> Figure:
     """Return an empty figure of the usual width with a title at the top left; the height is in inches."""
     from matplotlib.figure import Figure
 
@@ -168,7 +168,7 @@ def panels(
     height = head + sum(heights) + gap * (len(heights) - 1) + _BOTTOM
     mean = sum(heights) / len(heights)
     label_place = -0.66 if columns == 1 else -0.5
-    figure = sheet(title, height)
+    figure = titled_figure(title, height)
     axes = figure.subplots(
         len(heights),
         columns,
@@ -249,7 +249,7 @@ def _phase_names(ax: Axes, phases: tuple[PhaseSummary, ...]) -> None:
         )
 
 
-def operator(seed: int | None) -> str:
+def operator_text(seed: int | None) -> str:
     """Return who operated in a session, by the seed of the simulated surgeon; None: a person."""
     if seed is None:
         return "a person"
@@ -293,11 +293,11 @@ def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float])
     ticks = []
     for exponent in range(low, high + 1, decades_per_tick):
         ticks.append(10.0**exponent * step)
-    log_ticks(ax, ticks, lambda value: _tick(value, unit))
+    log_ticks(ax, ticks, lambda value: _unit_tick(value, unit))
     ax.set_ylim(10.0**low * step, 10.0**top * step)
 
 
-def _tick(value: float, unit: str) -> str:
+def _unit_tick(value: float, unit: str) -> str:
     """Return the tick label of a power of ten with its unit."""
     text = quantity(value, unit, 1)
     if not text.startswith("<"):
@@ -328,7 +328,7 @@ def limit_line(ax: Axes, value: float | None, label: str, color: str = UNFIT) ->
     )
 
 
-def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
+def mark_sample(ax: Axes, t: float, value: float, text: str, color: str = INK, below: bool = False) -> None:
     """Mark the sample (t, value) with a ring, and write `text` beside the ring.
 
     The text is above the ring or, if `below` is true, below the ring. Without space there, the text is on the opposite
@@ -368,7 +368,7 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
     )
 
 
-def at(value: float, unit: str, t: float, limit: float | None) -> str:
+def value_at_time(value: float, unit: str, t: float, limit: float | None) -> str:
     """Return a text on a difference (in `unit`, as `limit`) at time t in s, such as "1.27 mm at 6.214 s"."""
     return f"{deviation(value, unit, limit)} at {seconds(t)}"
 
@@ -393,7 +393,7 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def hover(figure: Figure, name: str) -> list[JsonObject]:
+def hover_data(figure: Figure, name: str) -> list[JsonObject]:
     """Return the places and scales of a figure's time plots, for the script that shows values under the pointer.
 
     Call it before `svg` with the same name: it names the curves. Each entry has the box in units of the SVG (left, top,

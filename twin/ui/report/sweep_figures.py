@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.analysis.sweep import Sweep
-from twin.ui.report.style import INK, PALETTE, sheet, styled
+from twin.ui.report.style import INK, PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,11 +34,11 @@ def figure(sweep: Sweep) -> Figure:
     if has_trade:
         heights.insert(0, 3.4)
     height = 0.7 + sum(heights)
-    drawing = sheet(f"{sweep.robot}: {len(designs) - 1} designs, compared with the CAD", height)
+    drawing = titled_figure(f"{sweep.robot}: {len(designs) - 1} designs, compared with the CAD", height)
     grid = drawing.add_gridspec(len(heights), len(factors), height_ratios=heights)
     drawing.subplots_adjust(left=0.09, right=0.97, top=1 - 0.5 / height, bottom=0.5 / height, hspace=0.42, wspace=0.25)
     if has_trade:
-        _trade(drawing.add_subplot(grid[0, :]), sweep, objectives)
+        _draw_trade_off(drawing.add_subplot(grid[0, :]), sweep, objectives)
     first_row = len(heights) - len(objectives)
     for i, objective in enumerate(objectives):
         y = sweep.judged[:, i]
@@ -56,7 +56,7 @@ def figure(sweep: Sweep) -> Figure:
     return drawing
 
 
-def _trade(ax: Axes, sweep: Sweep, objectives: list[str]) -> None:
+def _draw_trade_off(ax: Axes, sweep: Sweep, objectives: list[str]) -> None:
     """Draw the second objective over the first, with the Pareto-optimal designs connected."""
     best = sweep.best
     x = sweep.judged[:, 0]

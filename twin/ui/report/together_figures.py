@@ -8,7 +8,7 @@ from twin.core.format import quantity, seconds
 from twin.core.units import MM
 from twin.planning.group_result import PlannedTogether
 from twin.ui.report.scene_figures import MIN_DRAWN_DISTANCE, RobotPhases, distances
-from twin.ui.report.style import mark, styled
+from twin.ui.report.style import mark_sample, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,5 +26,7 @@ def figure(planned: PlannedTogether) -> Figure:
     pairs = {pair: clearance.distance for pair, clearance in clearances.by_pair.items()}
     drawing = distances(title, clearances.t, pairs, planned.required, rows)
     least, t, _ = clearances.least()
-    mark(drawing.axes[0], t, max(least / MM, MIN_DRAWN_DISTANCE), f"{quantity(least, 'm')} at {seconds(t)}", below=True)
+    mark_sample(
+        drawing.axes[0], t, max(least / MM, MIN_DRAWN_DISTANCE), f"{quantity(least, 'm')} at {seconds(t)}", below=True
+    )
     return drawing

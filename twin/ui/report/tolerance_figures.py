@@ -9,7 +9,7 @@ import numpy as np
 from twin.analysis.tolerance import ToleranceBudget
 from twin.core.json_types import JsonObject
 from twin.core.units import UM
-from twin.ui.report.style import FIT, INK, PALETTE, UNFIT, sheet, styled
+from twin.ui.report.style import FIT, INK, PALETTE, UNFIT, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ def figure(budget: ToleranceBudget) -> Figure:
     states_height = 0.3 * len(states)
     contributions_height = 0.27 * len(contributions)
     height = 1.7 + states_height + contributions_height
-    drawing = sheet(f"{budget.robot}: tool error caused by part and encoder errors", height)
+    drawing = titled_figure(f"{budget.robot}: tool error caused by part and encoder errors", height)
     top, bottom = drawing.subplots(2, 1, gridspec_kw={"height_ratios": [states_height + 0.2, contributions_height]})
     drawing.subplots_adjust(left=0.19, right=0.96, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
     _draw_states(top, states, budget.required)

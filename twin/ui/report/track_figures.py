@@ -14,8 +14,8 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.simulation.dynamics.computed_torque import TIP_LIMIT, Run
 from twin.simulation.dynamics.tracking_result import Tracking
-from twin.ui.report.plot_data import thin
-from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, sheet, styled
+from twin.ui.report.plot_data import thinned_curve
+from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, styled, titled_figure
 from twin.validation.result import PhaseSummary
 
 if TYPE_CHECKING:
@@ -59,15 +59,15 @@ def figure(result: Tracking) -> Figure:
     for above, tall in panels:
         total += above + tall
     total += _FOOT
-    drawing = sheet(title, total)
+    drawing = titled_figure(title, total)
     wide = WIDTH - _LEFT - _LEGENDS
     axes = []
     bottom = 0.0
     for above, tall in panels:
         bottom += above + tall
         axes.append(drawing.add_axes((_LEFT / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
-    _errors(axes[0], result.runs)
-    _efforts(axes[1], result, worst)
+    _draw_errors(axes[0], result.runs)
+    _draw_efforts(axes[1], result, worst)
     for ax in axes[:2]:
         ax.set_xlim(worst.t[0], worst.t[-1])
     phases = tuple(PhaseSummary(*phase) for phase in result.phases)
@@ -75,25 +75,25 @@ def figure(result: Tracking) -> Figure:
     axes[0].tick_params(labelbottom=False)
     axes[1].set_xlabel("time [s]")
     if result.curves:
-        _curves(axes[2], result.curves)
+        _draw_mismatch(axes[2], result.curves)
     for ax in axes:
         ax.tick_params(length=2.5)
         ax.yaxis.set_label_coords(-_LABEL_DISTANCE / wide, 0.5)
     return drawing
 
 
-def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
+def _draw_errors(ax: Axes, runs: Mapping[str, Run]) -> None:
     """Draw the tip error of each run over time."""
     for (name, run), color in zip(runs.items(), cycle((INK, *PALETTE)), strict=False):
-        t, error = thin(run.t, run.tip_error / UM)
+        t, error = thinned_curve(run.t, run.tip_error / UM)
         largest = quantity(run.tip_max, "m", 3)
         ax.plot(t, error, color=color, lw=1.1, label=f"{name}\nlargest {largest}")
-    _up_to(ax, max(run.tip_max for run in runs.values()))
+    _set_error_axis(ax, max(run.tip_max for run in runs.values()))
     ax.set_ylabel("tip error [µm]")
     legend_beside(ax)
 
 
-def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
+def _draw_efforts(ax: Axes, result: Tracking, run: Run) -> None:
     """Draw the running mean of the efforts and, in pale colours, the efforts at every tick, with encoder noise.
 
     The efforts are in percent of the motor's limit or, without one, of its peak in all runs.
@@ -106,9 +106,9 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
         references.add(reference)
         percent = 100 * run.effort[:, i] / full_scale
         color = PALETTE[i % len(PALETTE)]
-        t, y = thin(run.t, percent)
+        t, y = thinned_curve(run.t, percent)
         ax.plot(t, y, color=color, lw=0.5, alpha=0.3)
-        t, y = thin(run.t, _mean(percent))
+        t, y = thinned_curve(run.t, _running_mean(percent))
         ax.plot(t, y, color=color, lw=1.1, label=f"{row.joint}, {reference} {full_scale:g} {row.unit}")
         if row.limit:
             largest_of_limit = max(largest_of_limit, np.abs(percent).max())
@@ -122,7 +122,7 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
     legend_beside(ax)
 
 
-def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
+def _draw_mismatch(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
     """Draw the largest and the RMS tip error of each series of runs over the error of the model."""
     worst = 0.0
     for (name, runs), color in zip(curves.items(), cycle(PALETTE), strict=False):
@@ -137,13 +137,13 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
         ax.plot(mismatch, largest / UM, "o-", ms=3.5, color=color, label=label)
         ax.plot(mismatch, rms / UM, "o--", ms=3.5, mfc="none", color=color, lw=0.9, label="RMS")
         worst = max(worst, largest.max())
-    _up_to(ax, worst)
+    _set_error_axis(ax, worst)
     ax.set_xlabel("error of all masses and tensors in the controller's model [%]")
     ax.set_ylabel("tip error [µm]")
     legend_beside(ax)
 
 
-def _up_to(ax: Axes, largest: float) -> None:
+def _set_error_axis(ax: Axes, largest: float) -> None:
     """Set the y axis from 0 to above `largest` (m); if this is near the paper's 1 mm, at least to above 1 mm."""
     top = max(largest, 1e-9)
     if largest > _NEAR_TIP_LIMIT * TIP_LIMIT:
@@ -152,7 +152,7 @@ def _up_to(ax: Axes, largest: float) -> None:
     ax.set_ylim(0, 1.16 * top / UM)
 
 
-def _mean(y: Array) -> Array:
+def _running_mean(y: Array) -> Array:
     """Return the running mean (k,) over `_MEAN_TICKS` samples."""
     half = min(_MEAN_TICKS // 2, (len(y) - 1) // 2)
     padded = np.pad(y, half, mode="edge")

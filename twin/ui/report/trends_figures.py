@@ -13,8 +13,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.campaigns.trends_result import PUBLISHED, ScaleRow, Trends
 from twin.simulation.machine.physics import TICK
-from twin.ui.report.plot_data import thin
-from twin.ui.report.style import INK, PALETTE, sheet, styled
+from twin.ui.report.plot_data import thinned_curve
+from twin.ui.report.style import INK, PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ def figure(trends: Trends) -> Figure:
     """
     n = len(trends.stuck)
     height = 3.9 + 1.25 * n
-    drawing = sheet(f"{trends.robot}: published experiments with an ASSUMED plant: trends, not numbers", height)
+    drawing = titled_figure(f"{trends.robot}: published experiments with an ASSUMED plant: trends, not numbers", height)
     grid = drawing.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
     drawing.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
     ax = drawing.add_subplot(grid[0])
@@ -82,7 +82,7 @@ def _draw_stuck(ax: Axes, deviation: Array) -> None:
     """Draw the deviation (k,) of the tip in mm at each tick, and the limit of 3 mm."""
     times = TICK * np.arange(1.0, len(deviation) + 1)
     # the axis is logarithmic, and a machine without a fault has no deviation at first
-    t, y = thin(times, np.maximum(deviation, _MIN_DEVIATION))
+    t, y = thinned_curve(times, np.maximum(deviation, _MIN_DEVIATION))
     ax.plot(t, y, color=PALETTE[0], linewidth=0.9)
     ax.axhline(3.0, color=INK, linewidth=0.8, linestyle="--")
     ax.set_yscale("log")

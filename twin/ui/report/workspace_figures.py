@@ -12,7 +12,7 @@ from twin.core.json_types import JsonMapping
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.report.style import INK, PALETTE, sheet, styled
+from twin.ui.report.style import INK, PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def figure(workspace: Workspace) -> Figure:
         rows = 1
         column_gap = 0.55  # with room for the colour bar between the two panels
         bar_place = (0.42, 0.16, 0.014, 0.55)
-    drawing = sheet(f"{workspace.robot}: workspace of the tool{_around(workspace.content())}", 3.7 * rows)
+    drawing = titled_figure(f"{workspace.robot}: workspace of the tool{_around(workspace.content())}", 3.7 * rows)
     axes = drawing.subplots(rows, 2)
     drawing.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3, wspace=column_gap)
     for ax, section in zip(axes.flat, sections, strict=False):
