@@ -20,7 +20,8 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body, Finish, Mesh
 from twin.schema import Identifier, Origin, Positive, Table, Vector, error_at, load_toml
-from twin.ui.session.drawn_solids import SolidTable, box, check_solid, placed_surface, rod
+from twin.ui.session.drawn_solids import SolidTable, check_solid, placed_surface
+from twin.ui.session.drawn_surfaces import box, rod
 
 SCENERY_FILE = "scenery.toml"
 
@@ -30,8 +31,9 @@ Pattern = Literal["plain", "tissue"]
 _BELT_THICKNESS = 1.5 * MM
 """Thickness of a belt."""
 
-_BLACK = (0.02, 0.02, 0.022, 1.0)
-_STEEL = (0.45, 0.48, 0.52, 1.0)
+_BELT_COLOR = (0.02, 0.02, 0.022, 1.0)
+_PULLEY_COLOR = (0.45, 0.48, 0.52, 1.0)
+# linear red, green, blue and opacity; motors have the colour of belts
 
 
 class DrawnTable(SolidTable):
@@ -225,15 +227,15 @@ def _belt(belt: BeltTable) -> list[Mesh]:
         middle = 0.5 * (start + end) + side * (radius - 0.5 * _BELT_THICKNESS) * across
         points, triangles = box(np.array([length, width, _BELT_THICKNESS]))
         meshes.append(
-            Mesh(f"{belt.name}_strand{number}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8))
+            Mesh(f"{belt.name}_strand{number}", points @ R.T + middle, triangles, _BELT_COLOR, Finish("", 0.0, 0.8))
         )
     for number, centre in enumerate((start, end)):
         ends = np.array([centre - 0.5 * width * axis, centre + 0.5 * width * axis])
-        meshes.append(_rod(f"{belt.name}_pulley{number}", ends, 2 * (radius - _BELT_THICKNESS), _STEEL))
+        meshes.append(_rod(f"{belt.name}_pulley{number}", ends, 2 * (radius - _BELT_THICKNESS), _PULLEY_COLOR))
     if belt.motor_mm is not None:
         diameter, extent = (value * MM for value in belt.motor_mm)
         face = start + 0.5 * width * axis
-        meshes.append(_rod(f"{belt.name}_motor", np.array([face, face + extent * axis]), diameter, _BLACK))
+        meshes.append(_rod(f"{belt.name}_motor", np.array([face, face + extent * axis]), diameter, _BELT_COLOR))
     return meshes
 
 
