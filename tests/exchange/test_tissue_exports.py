@@ -16,7 +16,7 @@ from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.player_interpolation import poses_between_keys
 from twin.model.deformable import Bend
-from twin.usd.write.deformables import write_bends
+from twin.usd.write.deformables import write_deformables
 
 LIMIT = 10 * UM
 
@@ -107,7 +107,7 @@ def test_trimesh_reads_the_glb_at_rest(bends, tmp_path):
 
 
 def test_openusd_plays_the_points(bends, tmp_path):
-    stage = Usd.Stage.Open(str(write_bends("organs", bends, tmp_path / "organs.usdc")))
+    stage = Usd.Stage.Open(str(write_deformables("organs", bends, tmp_path / "organs.usdc")))
     assert stage.GetTimeCodesPerSecond() == 60
     for bend in bends:
         mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/organs/{bend.name}"))
@@ -135,7 +135,7 @@ def test_poses_between_keys_are_those_of_a_player():
 def exported(folder, bends):
     (folder / "usd").mkdir(exist_ok=True)
     (folder / "organs.glb").write_bytes(bends_glb("organs", bends))
-    write_bends("organs", bends, folder / "usd/organs.usdc")
+    write_deformables("organs", bends, folder / "usd/organs.usdc")
 
 
 def test_audit_finds_nothing_in_what_was_written(bends, tmp_path):
@@ -163,7 +163,7 @@ def shifted(bend):
 )
 def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
     exported(tmp_path, bends)
-    write_bends("organs", fault(bends), tmp_path / "usd/organs.usdc")
+    write_deformables("organs", fault(bends), tmp_path / "usd/organs.usdc")
     (ledger,) = audit_deformables(tmp_path)
     assert {f.code for f in ledger.findings} == {code}
 

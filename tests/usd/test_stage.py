@@ -658,6 +658,18 @@ def test_a_cone_takes_its_narrow_side(tmp_path):
     assert np.allclose(joint.T_parent_joint[:3, 2], [1, 0, 0])
 
 
+def test_a_cone_of_no_angle_is_refused(tmp_path):
+    """It lets a ball only turn about its axis; the limits of the joint would be divided by the sine of 0."""
+    foreign = Foreign(tmp_path / "cone.usda")
+    foreign.body("a")
+    foreign.body("b")
+    ball = foreign.joint(UsdPhysics.SphericalJoint, "ball", "a", "b", axis="X")
+    ball.CreateConeAngle0LimitAttr(0.0)
+    ball.CreateConeAngle1LimitAttr(50.0)
+    with pytest.raises(StageError, match="ball: its cone has the half angle 0"):
+        read_stage(foreign.save())
+
+
 # --- what the reader refuses ----------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.exchange.formats.glb.write import bends_glb
-from twin.usd.write.deformables import write_bends
+from twin.usd.write.deformables import write_deformables
 from unity import mono
 
 pytestmark = pytest.mark.witness
@@ -29,7 +29,7 @@ def bends(request):
 def files(bends, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bends")
     (folder / "organs.glb").write_bytes(bends_glb("organs", bends))
-    write_bends("organs", bends, folder / "organs.usdc")
+    write_deformables("organs", bends, folder / "organs.usdc")
     return folder
 
 

@@ -23,7 +23,7 @@ from twin.model.movable import together
 from twin.model.scene import Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
-from twin.usd.write.deformables import write_bends
+from twin.usd.write.deformables import write_deformables
 from twin.usd.write.geometry import mesh_paths, write_geometry
 from twin.usd.write.layers import describe, new_layer, save
 from twin.usd.write.physics_layer import write_inertia
@@ -84,7 +84,7 @@ def write_scene(
         references[f"/{scene.name}/{OBJECTS}"] = f"./{shapes.name}"
     if bends:
         UsdGeom.Xform.Define(stage, f"/{scene.name}/{ORGANS}")
-        shapes = write_bends(ORGANS, bends, folder / f"{ORGANS}.usdc")
+        shapes = write_deformables(ORGANS, bends, folder / f"{ORGANS}.usdc")
         references[f"/{scene.name}/{ORGANS}"] = f"./{shapes.name}"
     for place in scene.places:
         base = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")

@@ -41,6 +41,7 @@ def audit_deformables(folder: Path, expects_usd: bool = True) -> list[Ledger]:
     """
     glb = folder / GLB
     usd = folder / USD
+    # "bends" is a former word for deformables; checks and codes of findings keep it, for programs that read them.
     ledger = Ledger(GLB, "twin.exchange.audit bends", "1")
     if not glb.is_file():
         return []
@@ -60,7 +61,7 @@ def audit_deformables(folder: Path, expects_usd: bool = True) -> list[Ledger]:
         if not glb_meshes.names:
             ledger.wrong("bend.missing", f"{GLB} has no deformables.")
         for name in glb_meshes.names:
-            glb_meshes.vertices(name, 0.0)
+            glb_meshes.vertices(name, 0.0)  # only to read all of it: a fault of the file is an exception
             open_edges = _count_open_edges(glb_meshes.triangles(name))
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:

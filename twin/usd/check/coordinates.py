@@ -24,19 +24,19 @@ STATE_TOL = 0.01
 LIMIT_TOL = 1e-3
 """Maximum violation of a joint limit that is taken as a rounding error, in degrees (lengths: mm)."""
 
-RADIAN_LOOKS = np.pi * np.array([2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6])
+TYPICAL_RADIAN_LIMITS = np.pi * np.array([2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6])
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
 
-_LOOKS_TOL = 2e-3
-"""Distance in rad up to which a limit is one of `RADIAN_LOOKS`: limits are written with few digits."""
+_TYPICAL_LIMIT_TOL = 2e-3
+"""Distance in rad up to which a limit is one of `TYPICAL_RADIAN_LIMITS`: limits are written with few digits."""
 
-_TARGET_TOL = 0.05
+_RADIAN_TARGET_TOL = 0.05
 """Distance in deg up to which a drive target is the coordinate in radians."""
 
-_TARGET_APART = 0.5
+_MIN_TARGET_DIFFERENCE = 0.5
 """Distance in deg above which a drive target is not the coordinate in degrees."""
 
-_ZERO_TARGET = 1e-3
+_MAX_ZERO_TARGET = 1e-3
 """Drive target in deg up to which it says nothing about its unit."""
 
 RADIAN_SPEED = 4 * np.pi
@@ -45,7 +45,7 @@ RADIAN_SPEED = 4 * np.pi
 SPEED_MARGIN = 1.01
 """Factor by which a speed may exceed the maximum, because finite differences between samples have an error."""
 
-_ROUNDED = 1e-6
+_SAME_SAMPLE_TOL = 1e-6
 """Duration in s, and change in rad or m, up to which two samples are one sample, rounded in two ways."""
 
 
@@ -69,24 +69,27 @@ _STATE_MISSING = Kind("stage.state_missing", "warning", word="tolerance")
 _DRIVE_TARGET = Kind("stage.drive_target", "disagreement", "author a target within the limits, in degrees for angles")
 
 
-def coordinate(joint: RawJoint, A: Array) -> Array:
-    """Return the coordinate (k,) of a joint in metres or degrees (the first in -180..180, the others unwrapped)."""
+def coordinate(joint: RawJoint, T_0_1: Array) -> Array:
+    """Return the coordinate (k,) of a joint from the poses (k, 4, 4) of its second frame in its first.
+
+    Lengths are in metres, angles in degrees: the first in -180..180, the others unwrapped.
+    """
     if joint.type == "prismatic":
-        return A[:, 2, 3]
-    return np.unwrap(spatial.angle_about_z(A)) / DEG
+        return T_0_1[:, 2, 3]
+    return np.unwrap(spatial.angle_about_z(T_0_1)) / DEG
 
 
-def check_coordinate(joint: RawJoint, line: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
+def check_coordinate(joint: RawJoint, timeline: Timeline, q: Array, ordered: bool) -> Iterator[Finding]:
     """Yield findings on a revolute or prismatic joint.
 
     `q` (k + 1,) is the joint's coordinate at rest and at the k samples of the timeline, in degrees or metres.
     `ordered` is False if the lower limit exceeds the upper limit; the limits are then not checked.
     """
     if joint.limits and ordered:
-        yield from _check_limits(joint, line, q)
-    yield from _check_state(joint, line, q)
+        yield from _check_limits(joint, timeline, q)
+    yield from _check_state(joint, timeline, q)
     yield from _check_drive(joint, float(q[0]))
-    yield from _check_speed(joint, line, q)
+    yield from _check_speed(joint, timeline, q)
 
 
 def _unit(joint: RawJoint) -> tuple[str, float]:
@@ -108,7 +111,7 @@ def _radians(joint: RawJoint, text: str, size: float) -> Finding:
     return _RADIANS(joint.path, f"joint {joint.path}: {text}; UsdPhysics angles are in degrees", Quantity(size, "deg"))
 
 
-def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
+def _distances_beyond(q: Array, low: float, high: float, wraps: bool) -> Array:
     """Return the distances (k,) of q (k,) from the range low..high.
 
     If `wraps`, the same number of full turns, -3 to 3, is added to all samples; this number minimises the largest
@@ -124,28 +127,30 @@ def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
     return distances[best]
 
 
-def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
+def _check_limits(joint: RawJoint, timeline: Timeline, q: Array) -> Iterator[Finding]:
     low, high = _limits(joint)
     if _limits_look_like_radians(joint, q, low, high):
         yield _radians(joint, f"the limits {low:.5g} .. {high:.5g} deg look like radians", high)
         return
     unit, display_factor = _unit(joint)
-    breach = _breach(q, low, high, joint.is_angle) * display_factor
-    worst = int(np.argmax(breach))
-    if breach[worst] > LIMIT_TOL:
+    beyond_limits = _distances_beyond(q, low, high, joint.is_angle) * display_factor
+    worst = int(np.argmax(beyond_limits))
+    if beyond_limits[worst] > LIMIT_TOL:
         text = f"joint {joint.path} exceeds its limits {low * display_factor:.5g} .. {high * display_factor:.5g} {unit}"
-        yield _BEYOND_LIMITS(joint.path, text, Quantity(breach[worst], unit), LIMIT_TOL, when=line.labels[worst])
+        yield _BEYOND_LIMITS(
+            joint.path, text, Quantity(beyond_limits[worst], unit), LIMIT_TOL, when=timeline.labels[worst]
+        )
 
 
 def _limits_look_like_radians(joint: RawJoint, q: Array, low: float, high: float) -> bool:
     """Return whether the motion fits the limits in radians, and the limits are typical in radians or too narrow."""
     if not joint.is_angle or max(abs(low), abs(high)) > 2 * np.pi + 1e-3:
         return False
-    fits_radians = np.max(_breach(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
+    fits_radians = np.max(_distances_beyond(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
     if not fits_radians:
         return False
-    is_typical = np.abs(np.abs([[low], [high]]) - RADIAN_LOOKS) < _LOOKS_TOL
-    exceeds_degrees = np.max(_breach(q, low, high, True)) > LIMIT_TOL
+    is_typical = np.abs(np.abs([[low], [high]]) - TYPICAL_RADIAN_LIMITS) < _TYPICAL_LIMIT_TOL
+    exceeds_degrees = np.max(_distances_beyond(q, low, high, True)) > LIMIT_TOL
     return bool(is_typical.any() or exceeds_degrees)
 
 
@@ -156,7 +161,7 @@ def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
     return np.abs((a - b + 180.0) % 360.0 - 180.0)
 
 
-def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
+def _check_state(joint: RawJoint, timeline: Timeline, q: Array) -> Iterator[Finding]:
     """Compare the joint state, which is the initial state of simulations, with the coordinate from the poses."""
     unit, display_factor = _unit(joint)
     attribute = joint.prim.GetAttribute(f"state:{joint.instance}:physics:position")
@@ -179,7 +184,7 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
     authored = [float(rest_state)]
     if attribute.GetNumTimeSamples() > 0:
         query = Usd.AttributeQuery(attribute)
-        for code in line.codes.tolist():
+        for code in timeline.codes.tolist():
             authored.append(float(query.Get(Usd.TimeCode(code))))
     states = np.array(authored) * joint.unit
     actual = q[: len(states)]
@@ -197,7 +202,7 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         f"joint {joint.path}: the joint state {stated} differs from the coordinate {computed} computed from the poses "
         "of the joint's bodies"
     )
-    yield _STATE(joint.path, text, Quantity(differences[worst], unit), STATE_TOL, when=line.labels[worst])
+    yield _STATE(joint.path, text, Quantity(differences[worst], unit), STATE_TOL, when=timeline.labels[worst])
 
 
 def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
@@ -236,25 +241,25 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
 
 def _looks_like_radians(target: float, q: float) -> bool:
     """Return whether a drive target, taken as rad, is the coordinate q in deg of the authored pose."""
-    if abs(target) <= _ZERO_TARGET or abs(target - q) <= _TARGET_APART:
+    if abs(target) <= _MAX_ZERO_TARGET or abs(target - q) <= _MIN_TARGET_DIFFERENCE:
         return False
-    return abs(target / DEG - q) < _TARGET_TOL
+    return abs(target / DEG - q) < _RADIAN_TARGET_TOL
 
 
-def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
+def _check_speed(joint: RawJoint, timeline: Timeline, q: Array) -> Iterator[Finding]:
     attribute = joint.prim.GetAttribute("physxJoint:maxJointVelocity")
     stated: float | None = None
     if attribute:
         stated = attribute.Get()
-    if stated is None or not np.isfinite(stated) or len(line.times_s) < 2:
+    if stated is None or not np.isfinite(stated) or len(timeline.times_s) < 2:
         return
     unit, display_factor = _unit(joint)
     limit = stated * (joint.unit * display_factor)
     # q starts with the coordinate at rest, which is no sample
     change = np.abs(np.diff(q[1:]))
-    duration = np.diff(line.times_s)
+    duration = np.diff(timeline.times_s)
     # Two time codes of one key, apart by rounding, are no motion: a quotient of roundings is no speed.
-    same_key = (duration <= _ROUNDED) & (change <= _ROUNDED)
+    same_key = (duration <= _SAME_SAMPLE_TOL) & (change <= _SAME_SAMPLE_TOL)
     rate = np.divide(change, duration, out=np.full_like(change, np.inf), where=duration > 0)
     speed = np.where(same_key, 0.0, rate) * display_factor
     worst = int(np.argmax(speed))
@@ -269,5 +274,5 @@ def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         f"joint {joint.path} exceeds its maximum speed",
         Quantity(speed[worst], f"{unit}/s"),
         Quantity(limit, f"{unit}/s"),
-        when=line.labels[worst + 1],
+        when=timeline.labels[worst + 1],
     )

@@ -76,7 +76,7 @@ def deviation(kind: str, T_0_1: Array) -> tuple[Array, Array]:
     }.get(kind, (none, none))
 
 
-def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
+def check_joints(scene: RawStage, timeline: Timeline) -> Iterator[Finding]:
     """Yield findings on each enabled joint."""
     for joint in scene.joints:
         if not joint.enabled:
@@ -84,15 +84,15 @@ def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
         if joint.fault:
             yield _JOINT(joint.path, f"joint {joint.path}: {joint.fault}")
             continue
-        T_0_1 = line.relative(joint)
+        T_0_1 = timeline.relative(joint)
         is_finite = np.isfinite(T_0_1).all(axis=(1, 2))
         if not is_finite.all():
             # Every comparison with NaN is false: the frames would seem to meet.
             first = int(np.argmin(is_finite))
             text = f"joint {joint.path}: its frames cannot be compared, because a number of their poses is not finite"
-            yield _NOT_FINITE(joint.path, text, when=line.labels[first])
+            yield _NOT_FINITE(joint.path, text, when=timeline.labels[first])
             continue
-        yield from _check_meeting(joint, line, T_0_1)
+        yield from _check_meeting(joint, timeline, T_0_1)
         ordered = True
         if joint.limits and not joint.limits[0] <= joint.limits[1]:
             ordered = False
@@ -109,16 +109,16 @@ def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
             )
             yield _JOINT_COLLISION(joint.path, message)
         if joint.type in ("revolute", "prismatic"):
-            yield from check_coordinate(joint, line, coordinate(joint, T_0_1), ordered)
+            yield from check_coordinate(joint, timeline, coordinate(joint, T_0_1), ordered)
 
 
-def _check_meeting(joint: RawJoint, line: Timeline, T_0_1: Array) -> Iterator[Finding]:
+def _check_meeting(joint: RawJoint, timeline: Timeline, T_0_1: Array) -> Iterator[Finding]:
     offset, angle = deviation(joint.type, T_0_1)
     worst = int(np.argmax(offset))
     if offset[worst] > ANCHOR_TOL:
         text = f"joint {joint.path} ({joint.type}): distance between the joint's anchor points on the two bodies"
-        yield _ANCHOR(joint.path, text, mm(offset[worst]), mm(ANCHOR_TOL), when=line.labels[worst])
+        yield _ANCHOR(joint.path, text, mm(offset[worst]), mm(ANCHOR_TOL), when=timeline.labels[worst])
     worst = int(np.argmax(angle))
     if angle[worst] > AXIS_TOL:
         text = f"joint {joint.path} ({joint.type}): angle between the two joint frames about locked directions"
-        yield _AXIS(joint.path, text, deg(angle[worst]), deg(AXIS_TOL), when=line.labels[worst])
+        yield _AXIS(joint.path, text, deg(angle[worst]), deg(AXIS_TOL), when=timeline.labels[worst])

@@ -22,7 +22,7 @@ _SELF_COLLISION = Kind(
 )
 _DISCONNECTED = Kind("stage.disconnected", "disagreement", "exclude only one joint of each loop from the articulation")
 
-_FOLDER = "; if the stage was made from a robot folder, add a [[drive]] to the robot's TOML file instead"
+_ADVICE_FOR_FOLDERS = "; if the stage was made from a robot folder, add a [[drive]] to the robot's TOML file instead"
 """End of the suggestion on missing drives: what to do if the stage was made from a robot folder."""
 
 
@@ -49,7 +49,7 @@ def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
         if active:
             paths = ", ".join(joint.path for joint in active)
             text += f"; active joints: {paths}"
-        yield warning(code, "/", text, suggestion=f"apply PhysicsDriveAPI to the actuated joints{_FOLDER}")
+        yield warning(code, "/", text, suggestion=f"apply PhysicsDriveAPI to the actuated joints{_ADVICE_FOR_FOLDERS}")
         return
     for joint in active:
         lack = "has no drive"
@@ -63,7 +63,7 @@ def _check_drives(joints: list[RawJoint]) -> Iterator[Finding]:
             code,
             joint.path,
             f"joint {joint.path} is active, but {lack}: it moves freely in a simulator",
-            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{_FOLDER}",
+            suggestion=f"apply PhysicsDriveAPI:{joint.instance} with stiffness and damping{_ADVICE_FOR_FOLDERS}",
         )
 
 
@@ -83,9 +83,9 @@ def _check_tree(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
         child = joint.ends[1].body
         if joint.excluded or parent == child:
             continue
-        previous = _reached(links, parent)
+        previous = _connected_bodies(links, parent)
         if child in previous:
-            others = ", ".join(_path(previous, parent, child))
+            others = ", ".join(_joints_between(previous, parent, child))
             text = (
                 f"joint {joint.path} closes a loop with {others}, and no joint of this loop is excluded from the "
                 "articulation: engines ignore one joint or reject the robot"
@@ -104,7 +104,7 @@ def _check_tree(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
     floats = "" not in links
     reached = set(links)
     if not floats:
-        reached = set(_reached(links, ""))
+        reached = set(_connected_bodies(links, ""))
     for body in scene.bodies:
         if body not in jointed:
             yield _LOOSE(body, f"body {body} has no joint")
@@ -116,7 +116,7 @@ def _check_tree(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
         yield _FLOATING("/", "no joint connects the robot to the world, so the robot falls in a simulator")
 
 
-def _reached(links: dict[str, dict[str, str]], start: str) -> dict[str, tuple[str, str]]:
+def _connected_bodies(links: dict[str, dict[str, str]], start: str) -> dict[str, tuple[str, str]]:
     """Return {body: (previous body, joint between the two)} of each body that is connected to the body `start`."""
     previous = {start: ("", "")}
     pending = [start]
@@ -129,7 +129,7 @@ def _reached(links: dict[str, dict[str, str]], start: str) -> dict[str, tuple[st
     return previous
 
 
-def _path(previous: dict[str, tuple[str, str]], start: str, end: str) -> list[str]:
+def _joints_between(previous: dict[str, tuple[str, str]], start: str, end: str) -> list[str]:
     """Return the leaf names of the joints from the body `start` to the body `end`."""
     names: list[str] = []
     body = end

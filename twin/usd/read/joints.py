@@ -281,11 +281,12 @@ def _base(
 
 
 def _cone(joint: RawJoint) -> float | None:
+    """Return the half angle in rad of the cone of a ball joint; None without one."""
     if joint.type != "spherical" or not joint.prim.IsA(UsdPhysics.SphericalJoint):
         return None
     own_cone = joint.prim.GetAttribute("twin:cone").Get()
     if own_cone is not None:
-        return float(own_cone)
+        return _possible_cone(joint, float(own_cone))
     schema = UsdPhysics.SphericalJoint(joint.prim)
     limited: list[float] = []
     for angle in (schema.GetConeAngle0LimitAttr().Get(), schema.GetConeAngle1LimitAttr().Get()):
@@ -294,7 +295,21 @@ def _cone(joint: RawJoint) -> float | None:
     if not limited:
         return None
     # An elliptic cone is read as a circular cone with the smaller half angle, so that no forbidden pose is allowed.
-    return min(limited) * DEG
+    return _possible_cone(joint, min(limited) * DEG)
+
+
+def _possible_cone(joint: RawJoint, cone: float) -> float:
+    """Return the half angle of a cone in rad, which must be above 0.
+
+    Raises:
+        UnsupportedError: it is 0: the joint is then a hinge about its axis, and no ball.
+    """
+    if not cone > 0:
+        raise UnsupportedError(
+            f"joint {joint.path}: its cone has the half angle {cone:g}, which must be above 0; a ball that only turns "
+            "about its axis is a revolute joint"
+        )
+    return cone
 
 
 def _drive(scene: RawStage, joint: RawJoint, notes: list[Finding]) -> tuple[Drive | None, bool]:

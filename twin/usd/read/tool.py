@@ -10,7 +10,7 @@ from twin.core.errors import MechanismError, unknown
 from twin.model.body import Frame
 from twin.model.mechanism import Mechanism
 
-_OWN = "tool"
+_ADDED_TOOL = "tool"
 """Name of an added tool frame."""
 
 
@@ -30,32 +30,32 @@ def with_tool(mechanism: Mechanism, name: str | None = None) -> tuple[Mechanism,
         bodies = [body.name for body in mechanism.bodies]
         if name not in bodies:
             raise MechanismError(f"{mechanism.name}: {unknown('frame or body', name, [*frames, *bodies])}")
-        return _at(mechanism, name), ""
+        return _with_tool_at(mechanism, name), ""
     if mechanism.tool in frames:
         return mechanism, ""
-    if _OWN in frames:
-        return replace(mechanism, tool=_OWN), ""
+    if _ADDED_TOOL in frames:
+        return replace(mechanism, tool=_ADDED_TOOL), ""
     if len(frames) == 1:
         return replace(mechanism, tool=frames[0]), f"the only named frame, '{frames[0]}', is the tool."
-    body, length = _last(mechanism)
+    body, length = _end_of_longest_chain(mechanism)
     text = (
         f"the file names no tool: the tool frame is added to body '{body}', the end of the longest chain ({length} "
         "joints)."
     )
-    return _at(mechanism, body), text
+    return _with_tool_at(mechanism, body), text
 
 
-def _at(mechanism: Mechanism, body: str) -> Mechanism:
+def _with_tool_at(mechanism: Mechanism, body: str) -> Mechanism:
     """Return the mechanism with a tool frame at the origin of a body."""
     used_names = {frame.name for frame in mechanism.frames}
-    tool = _OWN
+    tool = _ADDED_TOOL
     while tool in used_names:
         tool += "_1"
     frame = Frame(tool, body, np.eye(4))
     return replace(mechanism, tool=tool, frames=(*mechanism.frames, frame))
 
 
-def _last(mechanism: Mechanism) -> tuple[str, int]:
+def _end_of_longest_chain(mechanism: Mechanism) -> tuple[str, int]:
     """Return (last body of the longest chain from the base, number of joints in this chain)."""
     depth = {mechanism.base: 0}
     carrying = {mechanism.base}  # bodies that carry another one

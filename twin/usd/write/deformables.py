@@ -12,7 +12,7 @@ from twin.usd import gf
 from twin.usd.write.layers import TIME_CODES_PER_SECOND, describe, new_layer, save
 
 
-def write_bends(name: str, bends: Sequence[Bend], path: Path) -> Path:
+def write_deformables(name: str, bends: Sequence[Bend], path: Path) -> Path:
     """Write the motions of deformables below the prim `name` and return the path of the layer.
 
     While a deformable does not move, only the first and the last sample of this interval are written.

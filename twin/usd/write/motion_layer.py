@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +21,9 @@ from twin.usd.write.physics_layer import drive_kind
 MAX_STEP = 90 * DEG
 """Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""
 
+
+_Samples = tuple[Sdf.Path, Sequence[object]]
+"""An attribute, and its value at each time code of the motion."""
 
 _NEARLY_WHOLE = 1e-6
 """Distance of a time code from a whole number that counts as rounding."""
@@ -83,8 +86,8 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
         if np.array_equal(position, mechanism.trocar_at(name)):
             continue
         trocar_moved = True
-        place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
-        path = _attribute(layer, place, Sdf.ValueTypeNames.Point3f)
+        frame_path = f"/{mechanism.name}/joints/{name}.physics:localPos0"
+        path = _attribute(layer, frame_path, Sdf.ValueTypeNames.Point3f)
         layer.GetAttributeAtPath(path).default = gf.vec3f(position)
     if trocar_moved:
         # At home, the robot does not pass through these trocars: the first pose of the motion becomes the rest pose.
@@ -127,7 +130,8 @@ def _require_finite(motion: BakedMotion, numbers: str, values: Array) -> None:
         )
 
 
-def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
+def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer) -> Iterator[_Samples]:
+    """Yield the samples of translation and rotation of each body, whose attributes are created in the layer."""
     names = [body.name for body in mechanism.bodies]
     for name, link_poses in motion.link_poses.items():
         if name not in names:
@@ -155,7 +159,8 @@ def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
         yield orient, gf.quatd_array(wxyz)
 
 
-def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
+def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer) -> Iterator[_Samples]:
+    """Yield the samples of the joint states, in degrees or metres, whose attributes are created in the layer."""
     for name, values in motion.joint_values.items():
         joint = mechanism.joint(name)
         values = np.asarray(values, float)
@@ -165,13 +170,13 @@ def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
                 f"expected ({len(motion.times_s)},), one coordinate for each sample"
             )
         _require_finite(motion, f"values of joint '{name}'", values)
-        place = f"/{mechanism.name}/joints/{name}.state:{drive_kind(joint)}:physics:position"
+        state_path = f"/{mechanism.name}/joints/{name}.state:{drive_kind(joint)}:physics:position"
         unit = DEG if joint.is_angle else 1.0
-        yield _attribute(layer, place, Sdf.ValueTypeNames.Float), (values / unit).tolist()
+        yield _attribute(layer, state_path, Sdf.ValueTypeNames.Float), (values / unit).tolist()
 
 
-def _write_newton_rest(layer: Sdf.Layer, state: Sdf.Path, position: float) -> None:
-    """Write the position of a joint state, in the unit of UsdPhysics, where Newton reads it."""
+def _write_newton_rest(layer: Sdf.Layer, state: Sdf.Path, position: object) -> None:
+    """Write the position of a joint state, a number in the unit of UsdPhysics, where Newton reads it."""
     kind = state.name.split(":")[1]
     place = _attribute(layer, f"{state.GetPrimPath()}.newton:{kind}:position", Sdf.ValueTypeNames.Float)
     layer.GetAttributeAtPath(place).default = position
