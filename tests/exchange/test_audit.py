@@ -260,7 +260,14 @@ def test_a_file_with_nothing_in_it_is_not_passed(tmp_path, extensions):
 
 
 def _track_of_two_keys(**changes) -> dict:
-    track = {"schema": "twin-track", "version": 1, **tracks.WORDS, "links": ["arm"], "joints": ["q"], "times": [0, 1]}
+    track = {
+        "schema": "twin-track",
+        "version": 1,
+        **tracks._CONVENTIONS,
+        "links": ["arm"],
+        "joints": ["q"],
+        "times": [0, 1],
+    }
     track |= {"joint_types": ["revolute"], "poses": [0, 0, 0, 0, 0, 0, 1] * 2, "positions": [0, 0]}
     return track | {"joint_lower": [-1], "joint_upper": [1]} | changes
 
