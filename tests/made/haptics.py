@@ -9,7 +9,7 @@ from twin.formula.evaluator import attach
 from twin.simulation.controllers.console_equations import console
 from twin.simulation.controllers.hand_force import FORCE, STATE_SIZE, ForceParameters, hand_force
 from twin.simulation.limits import JointLimits
-from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
+from twin.simulation.local_plane import PLANE_COUNT, PLANE_SIZE, LocalPlane, rows
 
 DT = 1e-3
 FREE = JointLimits(np.array([-np.inf]), np.array([np.inf]), np.array([np.inf]))
@@ -29,7 +29,7 @@ class Touch:
         self.state, self.pulse = np.zeros(STATE_SIZE), np.zeros(3)
         self.on, self.follows, self.scale = np.ones(1), np.ones(1), np.array([scale])
         self.hand, self.tool, self.goal, self.planes = (np.eye(4).ravel() for _ in range(4))
-        self.planes = np.zeros(COUNT * WIDTH)
+        self.planes = np.zeros(PLANE_COUNT * PLANE_SIZE)
         eye, q = np.eye(4).ravel(), np.zeros(1)
         given = (self.pulse, self.on, self.follows, self.scale, self.hand, eye, eye, self.tool, self.goal, q)
         self.out, self._compute = attach(law, self.state, *given, self.planes)

@@ -29,7 +29,7 @@ from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import WireCourse
-from twin.simulation.devices.surgeon_hands import Eye, Seat
+from twin.simulation.devices.surgeon_hands import Seat, SeenArm
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.arm_paths import ArmPaths, _stations
@@ -153,7 +153,7 @@ class NoWay:
 
 def test_the_way_out_ends_where_the_arm_began_with_the_jaws_as_they_are():
     kin = SimpleNamespace(auxiliary=np.array([False, True, False, True]), forward=lambda q: np.eye(4))
-    arms = {h: Eye(h, kin, np.eye(4), np.eye(4)) for h in ("right", "left")}
+    arms = {h: SeenArm(h, kin, np.eye(4), np.eye(4)) for h in ("right", "left")}
     ways = NoWay()
     surgeon = GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, WireCourse(WIRE, BALL), "left", ways)
     now = {"ring.pose": np.eye(4).ravel(), "right.q": np.arange(4.0), "left.q": np.zeros(4), "ecm.q": np.zeros(4)}
@@ -349,7 +349,7 @@ def test_a_wrong_wire_or_dome_is_named(scene, props):
 
 
 def test_an_unknown_mistake_is_named(scene, tmp_path, capsys):
-    arms = {h: Eye(f"raven_{h}", None, np.eye(4), np.eye(4)) for h in ("right", "left")}
+    arms = {h: SeenArm(f"raven_{h}", None, np.eye(4), np.eye(4)) for h in ("right", "left")}
     with pytest.raises(WorldError, match=r"there is no mistake 'droped'\. Did you mean 'dropped'"):
         GuidingSurgeon(Seat("pedals", arms, "ecm", 1.0, 0.5), RING, WireCourse(WIRE, BALL), "left", None, "droped")
     with pytest.raises(TwinError, match="makes mistakes only in a task with a ring to guide"):

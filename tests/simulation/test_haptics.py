@@ -24,7 +24,7 @@ from twin.simulation.controllers import passivity
 from twin.simulation.controllers.hand_force import ForceParameters
 from twin.simulation.controllers.haptics import GraspPulse, HapticHand
 from twin.simulation.controllers.passivity import needed_damping, require_passive
-from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
+from twin.simulation.local_plane import PLANE_COUNT, PLANE_SIZE, LocalPlane, rows
 
 MM = 1e-3
 FLOOR = plane([0, 0, 1])
@@ -80,7 +80,7 @@ points = st.tuples(*[st.floats(-6 * MM, 6 * MM)] * 3)
 
 @pytest.mark.nightly
 @settings(max_examples=50, deadline=None)
-@given(st.lists(points, min_size=2, max_size=12), st.integers(0, 2**32 - 1), st.integers(1, COUNT), st.booleans())
+@given(st.lists(points, min_size=2, max_size=12), st.integers(0, 2**32 - 1), st.integers(1, PLANE_COUNT), st.booleans())
 def test_no_surface_pulls_inwards_and_no_force_exceeds_the_clip(hands, seed, count, bounds):
     rng = np.random.default_rng(seed)
     planes = [plane(turned(rng) @ UP, rng.uniform(-3, 3) * MM) for _ in range(count)]
@@ -129,14 +129,14 @@ def test_a_plane_goes_on_with_the_tool_until_the_next_one(seed):
     point, point_new = (X[:3, :3] @ arm + X[:3, 3] for X in (T, T_new))
     found = LocalPlane.at_tool(T, point, normal, float(normal @ (through - point)))
     assert found.depth(T_new) == pytest.approx(normal @ (through - point_new), abs=1e-15)
-    row = rows([found], T).reshape(COUNT, -1)
+    row = rows([found], T).reshape(PLANE_COUNT, -1)
     assert (row[1:] == 0).all()
     np.testing.assert_array_equal(row[0], [*found.lever, *found.normal, *found.arm, found.offset])
 
 
 def test_of_many_planes_the_deepest_are_kept():
     many = [plane([0, 0, 1], x * MM) for x in range(7)]
-    kept = rows(many, np.eye(4)).reshape(COUNT, -1)[:, 9]
+    kept = rows(many, np.eye(4)).reshape(PLANE_COUNT, -1)[:, 9]
     np.testing.assert_allclose(kept, [6 * MM, 5 * MM, 4 * MM, 3 * MM])
 
 
@@ -163,9 +163,9 @@ class Proxy:
     """The way to the proxy among at most five planes of a tool at the origin."""
 
     def __init__(self):
-        planes = ca.SX.sym("planes", 5 * WIDTH)
-        way = ca.vertcat(*proxy.proxy(symbolic.unflat(planes, 5, WIDTH), ca.SX.eye(4)))
-        self._rows = np.zeros((5, WIDTH))
+        planes = ca.SX.sym("planes", 5 * PLANE_SIZE)
+        way = ca.vertcat(*proxy.proxy(symbolic.unflat(planes, 5, PLANE_SIZE), ca.SX.eye(4)))
+        self._rows = np.zeros((5, PLANE_SIZE))
         self._out, self._compute = attach(ca.Function("way", [planes], [ca.densify(way)]), self._rows)
 
     def way(self, normals, depths, order=None):
@@ -246,7 +246,7 @@ def test_in_a_slot_the_proxy_is_in_the_middle_and_does_not_jump(among):
 
 def test_planes_of_another_side_are_kept_beside_many_of_one_side():
     floors = [plane([1e-3 * k, 0, 1], (3 - 0.1 * k) * MM) for k in range(6)]
-    kept = rows([*floors, plane([0, 1, 0], 0.5 * MM)], np.eye(4)).reshape(COUNT, -1)
+    kept = rows([*floors, plane([0, 1, 0], 0.5 * MM)], np.eye(4)).reshape(PLANE_COUNT, -1)
     np.testing.assert_allclose(kept[:2, 9], [3 * MM, 0.5 * MM])
 
 

@@ -21,7 +21,7 @@ from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition, randomised
 from twin.simulation.devices.received_hands import HandState
-from twin.simulation.local_plane import COUNT, LocalPlane
+from twin.simulation.local_plane import PLANE_COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.session import session_run
@@ -173,7 +173,7 @@ class Led(Block):
 
 def planes(world):
     """Return the planes of the instrument, those in use."""
-    rows = world.signals["psm.planes"].reshape(COUNT, -1)
+    rows = world.signals["psm.planes"].reshape(PLANE_COUNT, -1)
     return [LocalPlane(r[3:6], r[:3], r[6:9], float(r[9])) for r in rows if r.any()]
 
 

@@ -26,7 +26,7 @@ from twin.core.errors import DescriptionError, OutputError, TwinError, WorldErro
 from twin.core.units import DEG, MM
 from twin.model.scene import load_scene
 from twin.simulation.devices.received_hands import HandState
-from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
+from twin.simulation.devices.surgeon_hands import Habits, Seat, SeenArm
 from twin.simulation.session import session_file, session_run
 from twin.simulation.session.session_file import CHUNK, SessionWriter, read_session
 from twin.simulation.setup import Setup
@@ -88,7 +88,7 @@ class Room:
     def __init__(self, *targets, seed=0, habits=None):
         self.q = {"right": np.array([0.01, 0, 0]), "left": np.array([-0.01, 0, 0])}
         self.T = spatial.pose(None, (0, 0, 0.08))
-        eyes = {hand: Eye(hand, Free(), np.eye(4), np.eye(4)) for hand in self.q}
+        eyes = {hand: SeenArm(hand, Free(), np.eye(4), np.eye(4)) for hand in self.q}
         named = [(f"t{i}", {h: np.array(p) * MM for h, p in t.items()}) for i, t in enumerate(targets)]
         seat = Seat("pedals", eyes, "ecm", 70 * DEG, 0.5, STEP, seed)
         self.surgeon = ScriptedSurgeon(seat, named, 1 * MM, 0.1, habits)

@@ -346,14 +346,14 @@ def test_organs_that_overlap_or_touch_at_the_start_are_refused():
 def crossed(monkeypatch, parts):
     """Put a block into the one beside it, let both go for 2 s, and return the organs; `parts`: with the rule."""
     if not parts:
-        monkeypatch.setattr("twin.simulation.plants.tissue.organs._CROSSED", np.inf)
-        monkeypatch.setattr("twin.simulation.plants.tissue.organs._PIERCED", -np.inf)
+        monkeypatch.setattr("twin.simulation.plants.tissue.organs._CROSSING_DEPTH", np.inf)
+        monkeypatch.setattr("twin.simulation.plants.tissue.organs._LEAST_COMPRESSION", -np.inf)
     organs = Organs(beside(3 * MM), [Tool("tool", made.rod())], [made.at(0, 0, 0.5)])
     organs.step([made.at(0, 0, 0.07)])
     other = organs._organs["other"]
-    organs._data.qpos[other.qpos] = np.tile(other._R.T @ [0.02, -0.045, 0.004], len(other.qpos) // 3)
+    organs._data.qpos[other.qpos] = np.tile(other._R_world_grid.T @ [0.02, -0.045, 0.004], len(other.qpos) // 3)
     other.read()
-    organs._rests = False
+    organs._is_at_rest = False
     seen = False
     for k in range(250):
         organs.step([made.at(0, 0, 0.5 - 1e-6 * k)])
@@ -397,7 +397,9 @@ def test_link_over_which_the_surface_has_jumped_is_inside():
     for k in range(40):
         organs.step([made.at(0, 0, 0.081 - 0.3 * MM * k)])
     inner = organs._organs["ball"]
-    organs._data.qpos[inner.qpos] = np.tile(inner._R.T @ [0, 0, 0.02], len(inner.qpos) // 3)  # the round end is inside
+    organs._data.qpos[inner.qpos] = np.tile(
+        inner._R_world_grid.T @ [0, 0, 0.02], len(inner.qpos) // 3
+    )  # the round end is inside
     inner.read()
     organs.step([made.at(0, 0, 0.069)])
     assert organs.within == {"ball": ("tool/rod",)}
@@ -407,8 +409,8 @@ def test_state_that_is_not_finite_is_refused():
     """MuJoCo would put the organs to rest and go on."""
     organs = Organs([made.ball()], [Tool("tool", made.rod())], [made.at(0, 0, 0.081)])
     organs.step([made.at(0, 0, 0.079)])
-    organs._data.qvel[organs._soft_dofs] = np.nan
-    organs._rests = False
+    organs._data.qvel[organs._organ_dofs] = np.nan
+    organs._is_at_rest = False
     with pytest.raises(WorldError, match="simulation of the organs 'ball' became unstable in step 2 of 8 ms; move"):
         organs.step([made.at(0, 0, 0.078)])
 

@@ -31,7 +31,7 @@ def blocks(setup: Setup, folder: str) -> list[Block]:
         TwinError: there is no such block, or its settings are wrong.
     """
     blocks_of_scene = []
-    for block in _made(setup, folder):
+    for block in _objects_of(setup, folder):
         if not isinstance(block, Block):
             raise TwinError(f"scene '{setup.scene.name}': {folder}: {block!r} is not a block")
         blocks_of_scene.append(block)
@@ -45,19 +45,19 @@ def hazards(setup: Setup) -> list[Hazard]:
         TwinError: there is no such hazard, or its settings are wrong.
     """
     hazards_of_scene = []
-    for hazard in _made(setup, "hazards"):
+    for hazard in _objects_of(setup, "hazards"):
         if not isinstance(hazard, Hazard):
             raise TwinError(f"scene '{setup.scene.name}': {hazard!r} is not a hazard")
         hazards_of_scene.append(hazard)
     return hazards_of_scene
 
 
-def _made(setup: Setup, folder: str) -> list[object]:
+def _objects_of(setup: Setup, folder: str) -> list[object]:
     scene = setup.scene
     objects = []
     for name, table in scene.blocks.get(folder, {}).items():
         try:
-            from_scene = _function(folder, table.use)
+            from_scene = _factory(folder, table.use)
             objects.append(from_scene(name, table.settings, setup))
         except KeyError as error:
             raise TwinError(f"{scene.file}: {folder}: '{name}': the setting {error} is missing") from error
@@ -66,7 +66,7 @@ def _made(setup: Setup, folder: str) -> list[object]:
     return objects
 
 
-def _function(folder: str, use: str) -> Callable[..., object]:
+def _factory(folder: str, factory_name: str) -> Callable[..., object]:
     """Return the function `from_scene` of a file, or of an entry point.
 
     Raises:
@@ -74,20 +74,20 @@ def _function(folder: str, use: str) -> Callable[..., object]:
     """
     package = f"twin.simulation.{folder}"
     group = f"twin.{folder}"
-    in_folder = [module.name for module in iter_modules(import_module(package).__path__)]
+    names_in_folder = [module.name for module in iter_modules(import_module(package).__path__)]
     others = entry_points(group)
-    for name in sorted(set(in_folder) & set(others)):
+    for name in sorted(set(names_in_folder) & set(others)):
         raise TwinError(f"the entry point '{name}' of {group} has the name of a file of {package}; it needs another")
-    if use in others:
-        factory = others[use]
-    elif use in in_folder:
-        factory = getattr(import_module(f"{package}.{use}"), "from_scene", None)
+    if factory_name in others:
+        factory = others[factory_name]
+    elif factory_name in names_in_folder:
+        factory = getattr(import_module(f"{package}.{factory_name}"), "from_scene", None)
     else:
         # the folders have modules too that the World builds by itself, and helpers: neither is offered
-        built_in = [name for name in in_folder if _has_function(f"{package}.{name}")]
-        raise TwinError(unknown(folder.removesuffix("s"), use, [*built_in, *others]))
+        built_in = [name for name in names_in_folder if _has_function(f"{package}.{name}")]
+        raise TwinError(unknown(folder.removesuffix("s"), factory_name, [*built_in, *others]))
     if not callable(factory):
-        raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
+        raise TwinError(f"'{factory_name}' of {folder} cannot be named in a scene: it has no function from_scene")
     return factory
 
 

@@ -17,7 +17,7 @@ from twin.schema import Table
 RUNS = 2
 """Number of runs of a participant, one with and one without forces."""
 
-_BLOCK = 4
+_BLOCK_SIZE = 4
 """Number of successive participants in a block; half of the participants of each block begin with forces."""
 
 
@@ -45,6 +45,6 @@ def randomised(participant: int, run: int) -> Condition:
         raise TwinError(f"participant {participant}: give a number of at least 1")
     if not 1 <= run <= RUNS:
         raise TwinError(f"there is no run {run}: the number is 1 to {RUNS}; one run has forces on the hands")
-    block, place = divmod(participant - 1, _BLOCK)
-    first = np.random.default_rng(block).permutation(_BLOCK)[place] < _BLOCK // 2
+    block, place = divmod(participant - 1, _BLOCK_SIZE)
+    first = np.random.default_rng(block).permutation(_BLOCK_SIZE)[place] < _BLOCK_SIZE // 2
     return Condition(haptics=bool(first) == (run == 1), participant=participant, run=run)

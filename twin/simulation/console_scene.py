@@ -33,7 +33,7 @@ from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import JointLimits
 from twin.simulation.machine.machine_parts import Parts
-from twin.simulation.plants.contact.contact_planes import NAME as PLANES
+from twin.simulation.plants.contact.contact_planes import PLANES_SIGNAL as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.rate_console import PICTURE
 from twin.simulation.session.task_play import play_of

@@ -41,9 +41,10 @@ class JointLimits:
 
     def steps_of(self, q: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the same two results as `steps`, as expressions for compiled functions."""
-        reach = ca.DM(self.max_speed) * dt
-        lower = ca.fmin(ca.fmax(ca.DM(self.lower) - q, -reach), reach)
-        return lower, ca.fmin(ca.fmax(ca.DM(self.upper) - q, -reach), reach)
+        largest_step = ca.DM(self.max_speed) * dt
+        lower = ca.fmin(ca.fmax(ca.DM(self.lower) - q, -largest_step), largest_step)
+        upper = ca.fmin(ca.fmax(ca.DM(self.upper) - q, -largest_step), largest_step)
+        return lower, upper
 
     @cached_property
     def _steps(self) -> Evaluator:

@@ -5,8 +5,8 @@ updates, the planes do not move, and the depth of the tool in a plane depends on
 force on the hand is computed at 1 kHz without waiting for the simulation (intermediate representation; Adachi, Kumano
 and Ogino, IEEE VRAIS 1995).
 
-The planes of a robot are a signal of `SIZE` numbers, `COUNT` rows of `WIDTH`; unused rows are zero. A row is (lever
-(3), normal (3), arm (3), offset): see `LocalPlane`. All vectors are in the frame of the World, except the
+The planes of a robot are a signal of `SIGNAL_SIZE` numbers, `PLANE_COUNT` rows of `PLANE_SIZE`; unused rows are zero. A
+row is (lever (3), normal (3), arm (3), offset): see `LocalPlane`. All vectors are in the frame of the World, except the
 arm, which is in the frame of the tool.
 """
 
@@ -19,13 +19,13 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-COUNT = 4
+PLANE_COUNT = 4
 """Number of planes of a robot in one signal."""
 
-WIDTH = 10
+PLANE_SIZE = 10
 """Number of values of a plane."""
 
-SIZE = COUNT * WIDTH
+SIGNAL_SIZE = PLANE_COUNT * PLANE_SIZE
 """Number of values in a signal with the planes of a robot."""
 
 
@@ -79,12 +79,12 @@ class LocalPlane:
 
 
 def rows(planes: Sequence[LocalPlane], T_world_tool: Array) -> Array:
-    """Return the signal (SIZE,) of at most `COUNT` of the planes at T_world_tool (4, 4).
+    """Return the signal (SIZE,) of at most `PLANE_COUNT` of the planes at T_world_tool (4, 4).
 
     The planes are selected one by one. The next plane is the one in which the tool is deepest when it has been moved
     out of the planes selected before. Thus similar planes on one side of the tool do not fill all rows.
     """
-    plane_rows = np.zeros((COUNT, WIDTH))
+    plane_rows = np.zeros((PLANE_COUNT, PLANE_SIZE))
     depths = np.array([plane.depth(T_world_tool) for plane in planes])
     normals = np.array([plane.normal for plane in planes])
     for row in plane_rows[: len(planes)]:

@@ -20,23 +20,23 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from twin.simulation.local_plane import WIDTH
+from twin.simulation.local_plane import PLANE_SIZE
 
 REACH = 0.1
 """Sum of all pushes in m; ASSUMED. Each mm of the way must reduce the largest depth by more than |way| / REACH mm."""
 
-_MOST = 4
+_LARGEST_SET = 4
 """Number of planes in the largest set."""
 
-_REGULAR = 1e-10
+_LEAST_PIVOT = 1e-10
 """Pivot above which the planes of a set are independent."""
 
-_LEAST = 1e-20
+_LEAST_DUAL_VALUE = 1e-20
 """Dual value in m2 above which a set is used."""
 
 
 @dataclass(frozen=True)
-class _Set:
+class _PlaneSet:
     """A set of planes, with the factors L D L' of the matrix G with the elements n_i . n_j + 1.
 
     Attributes:
@@ -56,7 +56,7 @@ class _Set:
     way: ca.SX = field(default_factory=lambda: ca.SX(0))
     unit: ca.SX = field(default_factory=lambda: ca.SX(0))
 
-    def with_plane(self, k: int, gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX]) -> _Set:
+    def with_plane(self, k: int, gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX]) -> _PlaneSet:
         """Return the set with plane k added."""
         scaled: list[ca.SX] = []  # the new row of L D
         row: list[ca.SX] = []  # the new row of L
@@ -73,9 +73,9 @@ class _Set:
             one = one - c * self.ones[i]
             scaled.append(c)
             row.append(c / self.pivots[i])
-        return _Set(
+        return _PlaneSet(
             planes=(*self.planes, k),
-            regular=ca.logic_and(self.regular, pivot > _REGULAR),
+            regular=ca.logic_and(self.regular, pivot > _LEAST_PIVOT),
             rows=(*self.rows, tuple(row)),
             pivots=(*self.pivots, pivot),
             depths=(*self.depths, depth / pivot),
@@ -94,17 +94,19 @@ class _Set:
         for j in reversed(range(len(pushes))):
             for i in range(j):
                 pushes[i] = pushes[i] - self.rows[j][i] * pushes[j]
-        valid = self.regular
+        is_valid = self.regular
         value = s * REACH
         for plane, push in zip(self.planes, pushes, strict=True):
-            valid = ca.logic_and(valid, push >= 0)
+            is_valid = ca.logic_and(is_valid, push >= 0)
             value = value + x[plane] * push
-        return pushes, valid, value
+        return pushes, is_valid, value
 
 
-def _sets(gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _Set | None = None) -> Iterator[_Set]:
-    """Yield all sets of one to `_MOST` planes."""
-    start = start or _Set()
+def _plane_sets(
+    gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _PlaneSet | None = None
+) -> Iterator[_PlaneSet]:
+    """Yield all sets of one to `_LARGEST_SET` planes."""
+    start = start or _PlaneSet()
     # in ascending order, so that each set comes once
     first = 0
     if start.planes:
@@ -112,8 +114,8 @@ def _sets(gram: Sequence[Sequence[ca.SX]], x: Sequence[ca.SX], start: _Set | Non
     for k in range(first, len(x)):
         larger = start.with_plane(k, gram, x)
         yield larger
-        if len(larger.planes) < _MOST:
-            yield from _sets(gram, x, larger)
+        if len(larger.planes) < _LARGEST_SET:
+            yield from _plane_sets(gram, x, larger)
 
 
 def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -129,7 +131,7 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
     p = T_world_tool[:3, 3]
     R = T_world_tool[:3, :3]
     # The first row (0) is the plane of s >= 0; unused rows are 0 as well.
-    rows = ca.vertcat(ca.SX(1, WIDTH), planes)
+    rows = ca.vertcat(ca.SX(1, PLANE_SIZE), planes)
     count = rows.shape[0]
     levers = []
     normals = []
@@ -143,22 +145,22 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
     gram = []
     for i in range(count):
         gram.append([ca.dot(normals[i], normals[j]) + 1 for j in range(i + 1)])
-    best = ca.SX(_LEAST)
+    best = ca.SX(_LEAST_DUAL_VALUE)
     candidates = []
-    for planes_set in _sets(gram, depths):
-        pushes, valid, value = planes_set.solved(depths)
-        value = ca.if_else(valid, value, 0)
+    for planes_set in _plane_sets(gram, depths):
+        pushes, is_valid, value = planes_set.solved(depths)
+        value = ca.if_else(is_valid, value, 0)
         candidates.append((planes_set.planes, pushes, value, value > best))
         best = ca.fmax(best, value)
     push = [ca.SX(0)] * count
-    for members, pushes, value, better in candidates:
+    for planes_of_set, pushes, value, is_better in candidates:
         # of equal sets, only the first is better than those before it
-        is_best = ca.logic_and(better, value == best)
-        for plane, size in zip(members, pushes, strict=True):
-            push[plane] = push[plane] + ca.if_else(is_best, size, 0)
+        is_best = ca.logic_and(is_better, value == best)
+        for plane, plane_push in zip(planes_of_set, pushes, strict=True):
+            push[plane] = push[plane] + ca.if_else(is_best, plane_push, 0)
     displacement = ca.SX.zeros(3)
     pull = ca.SX.zeros(3)
-    for normal, lever, size in zip(normals, levers, push, strict=True):
-        displacement = displacement + normal * size
-        pull = pull + lever * size
+    for normal, lever, plane_push in zip(normals, levers, push, strict=True):
+        displacement = displacement + normal * plane_push
+        pull = pull + lever * plane_push
     return displacement, pull

@@ -16,7 +16,7 @@ from twin.formula.symbol import from_sx, to_sx
 from twin.simulation.controllers.console_equations import DAMPING, LARGEST, STIFFNESS, Console
 from twin.simulation.controllers.passivity import bounded, clipped, observed, smoothing, stored
 from twin.simulation.limits import JointLimits
-from twin.simulation.local_plane import COUNT, SIZE, WIDTH
+from twin.simulation.local_plane import PLANE_COUNT, PLANE_SIZE, SIGNAL_SIZE
 from twin.simulation.proxy import proxy
 
 DEVICE_DAMPING = 2.0
@@ -93,7 +93,7 @@ def hand_force(
         is_bounded: whether the observed energy bounds the force.
     """
     sizes = [STATE_SIZE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves_tool)]
-    sizes += [SIZE] * source_count
+    sizes += [SIGNAL_SIZE] * source_count
     arguments = []
     for i, size in enumerate(sizes):
         arguments.append(ca.SX.sym(f"x{i}", size))
@@ -104,7 +104,7 @@ def hand_force(
     T = symbolic.unflat(tool, 4, 4)
     planes = []
     for rows in rows_of_sources:
-        planes.append(symbolic.unflat(rows, COUNT, WIDTH))
+        planes.append(symbolic.unflat(rows, PLANE_COUNT, PLANE_SIZE))
     planes.append(_wall(symbolic.unflat(base, 4, 4), T, symbolic.unflat(goal, 4, 4), q, limits, moves_tool))
     to_proxy, pull = proxy(ca.vertcat(*planes), T)
     is_on = ca.logic_and(on > 0.5, follows > 0.5)
@@ -144,4 +144,4 @@ def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, mov
     is_at_limit = ca.logic_and(room < _LIMIT_TOLERANCE, depth > _SMALLEST_DEPTH)
     normal = back / ca.if_else(is_at_limit, depth, 1.0)
     row = ca.vertcat(normal, normal, ca.SX.zeros(3), ca.dot(normal, T[:3, 3]) + depth)
-    return ca.if_else(is_at_limit, row, ca.SX.zeros(WIDTH)).T
+    return ca.if_else(is_at_limit, row, ca.SX.zeros(PLANE_SIZE)).T

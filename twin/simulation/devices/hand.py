@@ -21,13 +21,31 @@ from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_GOAL, HAND_HANDLE, HAND_PEDAL, ROBOT_Q
 
-_STALLED = 12
+_LARGEST_STALLS = 12
 """Number of strokes (single hand motions) without progress after which the operator gives up."""
 
-_BLOCK = 256
+_PROGRESS = 0.98
+"""Largest ratio of the remaining motion to the least one before that counts as progress; less may be tremor only."""
+
+_LEAST_STROKE = 0.05
+"""Share of a stroke within the range of the handle below which the handle is moved back with the pedal up; ASSUMED."""
+
+_MOVE_BACK = 0.6
+"""Time in s in which the handle is moved back to its middle; ASSUMED."""
+
+_PRESS_PAUSE = 0.15
+"""Time in s between the press of the pedal after that and the next stroke; ASSUMED."""
+
+_SHORTEST_STROKE = 0.35
+"""Shortest duration of a stroke in s; ASSUMED."""
+
+_GOAL_ANGLE = 2e-3
+"""Largest angle in rad of the tool from a goal at which the goal is reached; ASSUMED."""
+
+_BLOCK_SIZE = 256
 """Number of tremor outputs in a block; a block is computed ten times as fast as the same outputs one by one."""
 
-_LINES = 24
+_SINE_COUNT = 24
 """Number of sines of a tremor."""
 
 
@@ -72,23 +90,24 @@ class Tremor:
 
     def __init__(self, rng: np.random.Generator, hand: HandMotion, period: float) -> None:
         """Draw frequencies and phases; `period` is the time in s between two outputs."""
-        self._rate = 2 * np.pi * rng.uniform(*hand.tremor_band, (_LINES, 3))
-        self._phase = rng.uniform(0, 2 * np.pi, (_LINES, 3))
-        self._amplitude = hand.tremor * np.sqrt(2 / _LINES / 3)
+        self._angular_rates = 2 * np.pi * rng.uniform(*hand.tremor_band, (_SINE_COUNT, 3))
+        self._phases = rng.uniform(0, 2 * np.pi, (_SINE_COUNT, 3))
+        self._amplitude = hand.tremor * np.sqrt(2 / _SINE_COUNT / 3)
         self._period = period
-        self._first = -_BLOCK
-        self._next = np.zeros((_BLOCK, 3))
+        self._block_start = -_BLOCK_SIZE
+        self._block = np.zeros((_BLOCK_SIZE, 3))
 
     def at(self, t: Array) -> Array:
         """Return the displacements (k, 3) in m at times (k,) in s."""
-        return self._amplitude * np.sin(self._rate * t[:, None, None] + self._phase).sum(axis=1)
+        return self._amplitude * np.sin(self._angular_rates * t[:, None, None] + self._phases).sum(axis=1)
 
     def output(self, k: int) -> Array:
         """Return the displacement (3,) in m at k periods after the start; displacements are computed in blocks."""
-        if not 0 <= k - self._first < _BLOCK:  # true as well for the first output, by the start value of `_first`
-            self._first = k
-            self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)
-        return self._next[k - self._first]
+        is_in_block = 0 <= k - self._block_start < _BLOCK_SIZE  # false for the first output, by the start value
+        if not is_in_block:
+            self._block_start = k
+            self._block = self.at(np.arange(k, k + _BLOCK_SIZE, dtype=float) * self._period)
+        return self._block[k - self._block_start]
 
 
 class ScriptedHand(Block):
@@ -134,28 +153,28 @@ class ScriptedHand(Block):
         self._tremor = Tremor(self._rng, self.hand, period)
         self._progress = progress or (lambda name, part: None)
         units = kin.formula.coordinates.units
-        self._angular = np.array([unit == "rad" for unit in units])
-        self._linear = np.flatnonzero([unit == "m" for unit in units])
+        self._is_angle = np.array([unit == "rad" for unit in units])
+        self._length_axes = np.flatnonzero([unit == "m" for unit in units])
         self._scale = np.broadcast_to(np.asarray(scale, float), len(units))
-        self._wanted = [self._coordinates(goal) for goal in goals]
+        self._goal_coordinates = [self._coordinates(goal) for goal in goals]
         self._handle = np.zeros(len(units))
         self._goal = -1
-        self._count = 0
-        self._T: Array | None = None
+        self._output_count = 0
+        self._T_base_tool: Array | None = None
         self.missed = ""
-        self._pedals = self._work()
+        self._pedal_states = self._work()
         self.outputs = {HAND_HANDLE.name: self._handle, HAND_PEDAL.name: 0.0, HAND_GOAL.name: -1.0}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike] | None:
         """Return the signals of this tick; None after the last goal."""
         self._signals = signals
-        pedal = next(self._pedals, None)
+        pedal = next(self._pedal_states, None)
         if pedal is None:
             return None
         handle = self._handle.copy()
-        axes = self._linear[:3]  # only translations tremble
-        handle[axes] += self._tremor.output(self._count)[: len(axes)]
-        self._count += 1
+        axes = self._length_axes[:3]  # only translations tremble
+        handle[axes] += self._tremor.output(self._output_count)[: len(axes)]
+        self._output_count += 1
         return {HAND_HANDLE.name: handle, HAND_PEDAL.name: float(pedal), HAND_GOAL.name: float(self._goal)}
 
     def _coordinates(self, goal: Goal) -> Array:
@@ -167,25 +186,25 @@ class ScriptedHand(Block):
             raise KinematicsError(f"{self.kin.formula.name}: the robot's coordinates cannot express goal '{goal.name}'")
         return coordinates
 
-    def _tool(self) -> Array:
-        self._T = self.kin.forward(self._signals[ROBOT_Q.of(self.robot)], self._T)
-        return self.kin.program.coordinates_of_pose.one(self._T.ravel())
+    def _tool_coordinates(self) -> Array:
+        self._T_base_tool = self.kin.forward(self._signals[ROBOT_Q.of(self.robot)], self._T_base_tool)
+        return self.kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
 
     def _work(self) -> Iterator[bool]:
         """Do the task; yield the state of the pedal once per period."""
-        reach = np.where(self._angular, self.hand.reach[1], self.hand.reach[0])
+        reach = np.where(self._is_angle, self.hand.reach[1], self.hand.reach[0])
         yield from self._hold(0.2, False)
         for i, goal in enumerate(self.goals):
             self._progress(goal.name, i / len(self.goals))
             self._goal = i
-            least = np.inf
+            least_remaining = np.inf
             stalled = 0
-            while stalled < _STALLED:
+            while stalled < _LARGEST_STALLS:
                 # the tool is measured anew before each stroke, as an operator looks again
-                missing = (self._wanted[i] - self._tool()) / self._scale
+                missing = (self._goal_coordinates[i] - self._tool_coordinates()) / self._scale
                 remaining = float(np.linalg.norm(missing / reach))
-                if remaining < 0.98 * least:  # a smaller gain may be tremor only
-                    least = remaining
+                if remaining < _PROGRESS * least_remaining:
+                    least_remaining = remaining
                     stalled = 0
                 else:
                     stalled += 1
@@ -198,27 +217,27 @@ class ScriptedHand(Block):
 
     def _is_reached(self, goal: Goal, missing: Array) -> bool:
         """Return whether the tool is at a goal; `missing` (n,): remaining motion of the handle."""
-        angular = self._angular
-        angle = np.abs(missing[angular]).max(initial=0.0)
-        distance = np.linalg.norm((missing * self._scale)[~angular])
-        return bool(angle < 2e-3 / self._scale[angular].max(initial=1.0) and distance < goal.tolerance)
+        is_angle = self._is_angle
+        angle = np.abs(missing[is_angle]).max(initial=0.0)
+        distance = np.linalg.norm((missing * self._scale)[~is_angle])
+        return bool(angle < _GOAL_ANGLE / self._scale[is_angle].max(initial=1.0) and distance < goal.tolerance)
 
     def _approach(self, missing: Array, reach: Array) -> Iterator[bool]:
         """Make one stroke to reduce the remaining motion (n,) of the handle, or move the handle back to its middle."""
-        angular = self._angular
+        is_angle = self._is_angle
         hand = self.hand
-        room = np.where(missing > 0, reach - self._handle, reach + self._handle)
+        space = np.where(missing > 0, reach - self._handle, reach + self._handle)
         lengths = np.abs(missing)
-        possible = np.where(lengths > 1e-12, room / np.maximum(lengths, 1e-12), 1.0).min()
-        if possible < 0.05:  # the handle is at the end of its range
-            yield from self._move(np.zeros_like(self._handle), 0.6, False)
-            yield from self._hold(0.15, True)
+        possible_share = np.where(lengths > 1e-12, space / np.maximum(lengths, 1e-12), 1.0).min()
+        if possible_share < _LEAST_STROKE:  # the handle is at the end of its range
+            yield from self._move(np.zeros_like(self._handle), _MOVE_BACK, False)
+            yield from self._hold(_PRESS_PAUSE, True)
             return
-        stroke = min(possible, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
+        stroke = min(possible_share, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
         # the slower of translation and rotation determines the time
-        linear_time = float(np.linalg.norm(stroke[~angular])) / hand.speed[0]
-        angular_time = float(np.abs(stroke[angular]).max(initial=0.0)) / hand.speed[1]
-        yield from self._move(self._handle + stroke, max(0.35, linear_time, angular_time), True)
+        linear_time = float(np.linalg.norm(stroke[~is_angle])) / hand.speed[0]
+        angular_time = float(np.abs(stroke[is_angle]).max(initial=0.0)) / hand.speed[1]
+        yield from self._move(self._handle + stroke, max(_SHORTEST_STROKE, linear_time, angular_time), True)
         yield from self._hold(hand.pause, True)
 
     def _move(self, to: Array, seconds: float, pedal: bool) -> Iterator[bool]:

@@ -20,7 +20,6 @@ import contextlib
 import socket
 import struct
 import time
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import PATIENCE
 from twin.simulation.machine.machine_server import HOST
+from twin.simulation.machine.receiver import Sender
 from twin.simulation.machine.state_packets import State
 
 HEAD = struct.Struct("<4sBBHQd")
@@ -36,7 +36,7 @@ HEAD = struct.Struct("<4sBBHQd")
 _MAGIC = b"TWNJ"
 _VERSION = 1
 
-_MOST = 256
+_LARGEST_BATCH = 256
 """Largest number of packets read at once."""
 
 
@@ -102,20 +102,20 @@ class JointPackets:
         self.accepted = 0
         self.refused = 0
         self.reason = ""
-        self._sender: Any = None
+        self._sender: Sender | None = None
         self._last_number = -1
         self._last_time = float("-inf")
-        self._heard = float("-inf")
+        self._last_arrival = float("-inf")
         self._state: State | None = None
 
-    def read(self, data: bytes, sender: Any, arrival: float) -> None:
+    def read(self, data: bytes, sender: Sender, arrival: float) -> None:
         """Read a packet that has arrived at `arrival` in s.
 
         Raises:
             DeviceError: the packet is refused; it has no effect.
         """
         number, t, q, desired = unpack(data, self._n)
-        if arrival - self._heard > PATIENCE:
+        if arrival - self._last_arrival > PATIENCE:
             # another sender may follow, with its own numbers and clock
             self._sender = None
             self._last_number = -1
@@ -131,7 +131,7 @@ class JointPackets:
         self._sender = sender
         self._last_number = number
         self._last_time = t
-        self._heard = arrival
+        self._last_arrival = arrival
         self.accepted += 1
         counts = (number, self.accepted, self.refused, 0, 0)
         desired_q = q if desired is None else desired
@@ -142,7 +142,7 @@ class JointPackets:
         """The newest state, after reading all packets that have arrived; None before the first one."""
         with contextlib.suppress(BlockingIOError):
             # with a limit, because a fast sender could otherwise keep the tick from ending
-            for _ in range(_MOST):
+            for _ in range(_LARGEST_BATCH):
                 data, sender = self._socket.recvfrom(1 << 16)
                 try:
                     self.read(data, sender, time.monotonic())
@@ -154,7 +154,7 @@ class JointPackets:
     @property
     def answers(self) -> bool:
         """Whether a packet has been accepted within the last `PATIENCE` seconds."""
-        return time.monotonic() - self._heard < PATIENCE
+        return time.monotonic() - self._last_arrival < PATIENCE
 
     @property
     def problem(self) -> str:

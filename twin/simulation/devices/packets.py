@@ -38,13 +38,13 @@ class _Pedal(IntFlag):
     CAMERA = 2
 
 
-_FAR = 10.0
+_LARGEST_COORDINATE = 10.0
 """Largest accepted coordinate in m."""
 
-_OPEN = 2 * math.pi
+_LARGEST_GRIP = 2 * math.pi
 """Largest accepted angle of a gripper in rad."""
 
-_UNIT = 1e-3
+_QUATERNION_TOLERANCE = 1e-3
 """Largest accepted deviation of a quaternion's length from 1."""
 
 
@@ -94,11 +94,11 @@ def handle_pose(p: Sequence[float], q: Sequence[float]) -> Array:
     # NaN and infinity fail these comparisons.
     for axis, x in zip("xyz", p, strict=True):
         # `not <=` instead of `>`: NaN must be refused as well
-        if not abs(x) <= _FAR:
-            raise DeviceError(f"position {axis} is {x:g} m; it must be within ±{_FAR:g} m")
+        if not abs(x) <= _LARGEST_COORDINATE:
+            raise DeviceError(f"position {axis} is {x:g} m; it must be within ±{_LARGEST_COORDINATE:g} m")
     length = math.hypot(*q)
-    if not abs(length - 1) <= _UNIT:
-        raise DeviceError(f"the quaternion has length {length:g}; it must be 1 ± {_UNIT:g}")
+    if not abs(length - 1) <= _QUATERNION_TOLERANCE:
+        raise DeviceError(f"the quaternion has length {length:g}; it must be 1 ± {_QUATERNION_TOLERANCE:g}")
     return spatial.pose(spatial.matrix_from_quat_wxyz(q), p)
 
 
@@ -108,8 +108,8 @@ def grip_angle(grip: float) -> float:
     Raises:
         DeviceError: the angle is implausible.
     """
-    if not abs(grip) <= _OPEN:
-        raise DeviceError(f"gripper is {grip:g} rad; it must be within ±{_OPEN:.4g} rad")
+    if not abs(grip) <= _LARGEST_GRIP:
+        raise DeviceError(f"gripper is {grip:g} rad; it must be within ±{_LARGEST_GRIP:.4g} rad")
     return grip
 
 
@@ -130,6 +130,6 @@ class Packets(ReceivedHands):
 
     def answer(self, hand: int, force: ArrayLike) -> bytes:
         """Return the packet with a force (3,) in {H} in N, to be sent to a hand."""
-        last = self._last[hand]
+        last = self._last_states[hand]
         number = last.number if last else 0
         return FORCE.pack(_ANSWER, _VERSION, hand, 0, 0, number, *np.asarray(force, float))

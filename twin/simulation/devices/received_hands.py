@@ -28,12 +28,12 @@ from twin.simulation.world.signal_kinds import (
     HAND_POSE,
 )
 
-_LEAP = 1000
+_LARGEST_GAP = 1000
 """Largest gap in the sequence numbers of received states that counts as packet loss.
 
 After a larger gap, states are rejected until the device has been silent."""
 
-_NUMBERS = 2**32
+_SEQUENCE_COUNT = 2**32
 """Number of different sequence numbers: they have 32 bits, and begin again at 0."""
 
 
@@ -95,13 +95,13 @@ class ReceivedHands(Block):
         self.patience = patience
         self.moving = tuple(moving)
         self._arrived: deque[HandState] = deque()  # filled by another thread
-        self._last: list[HandState | None] = [None, None]
+        self._last_states: list[HandState | None] = [None, None]
         self._arrival_times = [-math.inf, -math.inf]  # in s, of the last state of each hand
-        self._lost = [0, 0]
+        self._lost_counts = [0, 0]
         self._ignored = 0
         self._scale = scale
         self._is_disconnected = False  # whether `leave` was called since the last tick
-        self._haptics = True
+        self._is_haptics_on = True
         self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
 
@@ -124,7 +124,7 @@ class ReceivedHands(Block):
 
     def feel(self, on: bool) -> None:
         """Switch the forces on the hands on or off from the next tick on."""
-        self._haptics = on
+        self._is_haptics_on = on
 
     def set(self, name: str, value: float) -> None:
         """Set a signal of `settings` from the next tick on.
@@ -141,7 +141,7 @@ class ReceivedHands(Block):
         """Earliest of the last received sequence numbers of the hands that move robots; -1 until all have sent one."""
         earliest = -1
         for hand in self.moving:
-            last = self._last[hand]
+            last = self._last_states[hand]
             if last is None:
                 return -1
             if earliest < 0 or _gap(earliest, last.number) < 0:
@@ -174,38 +174,38 @@ class ReceivedHands(Block):
     def _accept(self, state: HandState, t: float) -> None:
         """Store a state, unless it is late or repeated; count the states that are missing before it."""
         hand = state.hand
-        last = self._last[hand]
+        last = self._last_states[hand]
         # after `leave`, another sender starts with its own number
         if last is not None and self._arrival_times[hand] > -math.inf:
             gap = _gap(last.number, state.number)
-            in_order = 0 < gap <= _LEAP
+            in_order = 0 < gap <= _LARGEST_GAP
             if not in_order and not self.silent(hand, t):
                 self._ignored += 1
                 return
             if in_order:
-                self._lost[hand] += gap - 1
-        self._last[hand] = state
+                self._lost_counts[hand] += gap - 1
+        self._last_states[hand] = state
         self._arrival_times[hand] = t
 
     def _signals(self, t: float) -> dict[str, ArrayLike]:
         values: dict[str, ArrayLike] = {}
-        clutch = False
-        camera = False
+        is_clutch_down = False
+        is_camera_down = False
         # without a state, a pedal counts as released; `<device>.silent` keeps the hands from moving anything
-        for name, last, lost_count in zip(self.hands, self._last, self._lost, strict=True):
+        for name, last, lost_count in zip(self.hands, self._last_states, self._lost_counts, strict=True):
             if last is None:
                 values[HAND_POSE.of(name)] = np.eye(4).ravel()
                 values[HAND_GRIP.of(name)] = 0.0
             else:
                 values[HAND_POSE.of(name)] = last.pose.ravel()
                 values[HAND_GRIP.of(name)] = last.grip
-                clutch = clutch or last.clutch
-                camera = camera or last.camera
+                is_clutch_down = is_clutch_down or last.clutch
+                is_camera_down = is_camera_down or last.camera
             values[HAND_LOST.of(name)] = float(lost_count)
-        values[DEVICE_CLUTCH.of(self.device)] = float(clutch)
-        values[DEVICE_CAMERA.of(self.device)] = float(camera)
+        values[DEVICE_CLUTCH.of(self.device)] = float(is_clutch_down)
+        values[DEVICE_CAMERA.of(self.device)] = float(is_camera_down)
         values[DEVICE_SILENT.of(self.device)] = float(self.any_silent(t))
-        values[DEVICE_HAPTICS.of(self.device)] = float(self._haptics)
+        values[DEVICE_HAPTICS.of(self.device)] = float(self._is_haptics_on)
         values.update(self._settings)
         values[DEVICE_SCALE.of(self.device)] = self._scale
         values[DEVICE_IGNORED.of(self.device)] = float(self._ignored)
@@ -214,5 +214,5 @@ class ReceivedHands(Block):
 
 def _gap(earlier: int, later: int) -> int:
     """Return by how many states the sequence number `later` follows `earlier`; negative if it comes before."""
-    half = _NUMBERS // 2
-    return (later - earlier + half) % _NUMBERS - half
+    half = _SEQUENCE_COUNT // 2
+    return (later - earlier + half) % _SEQUENCE_COUNT - half

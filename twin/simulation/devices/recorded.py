@@ -45,4 +45,5 @@ class Recorded(Block):
 
 
 def _is_of(signal: str, selected: str) -> bool:
+    """Return whether a signal is the selected one, or one of the selected owner."""
     return signal == selected or signal.startswith(f"{selected}.")

@@ -32,13 +32,28 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_Q,
 )
 
-_STALLED = 8
+_LARGEST_STALLS = 8
 """Number of strokes without progress after which the surgeon gives up a movement."""
 
-_DRAGS = 20
+_LARGEST_DRAGS = 20
 """Maximum number of camera strokes for one target; after these, the surgeon works with the picture as it is."""
 
-_EYE = np.eye(4)
+_PROGRESS = 0.98
+"""Largest ratio of the remaining error to the least one before that counts as progress; less may be tremor only."""
+
+_LEAST_STROKE = 0.05
+"""Share of a stroke within the ranges of the hands below which they are moved back with the clutch pressed; ASSUMED."""
+
+_MOVE_BACK = 0.6
+"""Time in s in which the hands are moved back to the middle of their ranges; ASSUMED."""
+
+_SHORTEST_STROKE = 0.35
+"""Shortest duration of a stroke in s; ASSUMED."""
+
+_CENTRED_SHARE = 0.4
+"""Size of the area into which the camera is moved once its pedal is pressed, divided by `Habits.central`; ASSUMED."""
+
+_IDENTITY = np.eye(4)
 """Identity matrix; in every tick, a copy of this matrix is faster than a call of `np.eye`."""
 
 
@@ -49,7 +64,7 @@ class Habits:
     Attributes:
         hand: parameters of the motion of each hand.
         middle: middle of the right hand's range in m in {H}; that of the left hand is its mirror image.
-        show: rotation of the handles in rad to meet the start condition, see `following.Start`.
+        show: rotation of the handles in rad to meet the start condition, see `tool_following.is_held`.
         clutched: time in s for which the clutch is pressed before and after the hands move back.
         open: angle of the grippers on the way to a target.
         grasp: time in s in which the grippers open or close.
@@ -70,7 +85,7 @@ class Habits:
 
 
 @dataclass(frozen=True)
-class Eye:
+class SeenArm:
     """One arm that the surgeon sees: its name in the World, its equations, and its base and tip frames (4, 4)."""
 
     robot: str
@@ -97,7 +112,7 @@ class Seat:
     """
 
     device: str
-    arms: Mapping[str, Eye]
+    arms: Mapping[str, SeenArm]
     camera: str
     view: float
     scale: float
@@ -139,18 +154,18 @@ class SurgeonHands(SimulatedHands):
         self.habits = habits
         self.missed: list[str] = []
         self._rng = np.random.default_rng(seat.seed)
-        self._half = np.tan(seat.view / 2)
+        self._half_picture = np.tan(seat.view / 2)
         self._tremors = {hand: Tremor(self._rng, habits.hand, seat.dt) for hand in self.arms}
         right, left = self.arms
         middle = np.array(self.habits.middle)
         self._middle = {right: middle, left: middle * (-1, 1, 1)}
-        self._p = dict(self._middle)
-        self._R = {right: np.eye(3), left: np.eye(3)}
+        self._positions = dict(self._middle)
+        self._rotations = {right: np.eye(3), left: np.eye(3)}
         self._grip = dict.fromkeys(self.arms, 0.0)
         self._clutch = False
         self._camera = False
-        self._count = 0
-        self._T: dict[str, Array] = {}
+        self._tick = 0
+        self._last_tools: dict[str, Array] = {}
         self._ticks = self._work()
         self.outputs = self._output_signals(0)
 
@@ -164,16 +179,16 @@ class SurgeonHands(SimulatedHands):
         finished = object()
         if next(self._ticks, finished) is finished:
             return None
-        self._count += 1
-        return self._output_signals(self._count - 1)
+        self._tick += 1
+        return self._output_signals(self._tick - 1)
 
     def _output_signals(self, k: int) -> dict[str, ArrayLike]:
         """Return the signals of tick k."""
         values: dict[str, ArrayLike] = {}
         for hand in self.arms:
-            pose = _EYE.copy()
-            pose[:3, :3] = self._R[hand]
-            pose[:3, 3] = self._p[hand] + self._tremors[hand].output(k)
+            pose = _IDENTITY.copy()
+            pose[:3, :3] = self._rotations[hand]
+            pose[:3, 3] = self._positions[hand] + self._tremors[hand].output(k)
             values[HAND_POSE.of(hand)] = pose.ravel()
             values[HAND_GRIP.of(hand)] = self._grip[hand]
         values[DEVICE_CLUTCH.of(self.device)] = float(self._clutch)
@@ -194,32 +209,31 @@ class SurgeonHands(SimulatedHands):
 
     def _tool(self, hand: str) -> Array:
         """Return the pose (4, 4) of the tool of a hand in the World."""
-        eye = self.arms[hand]
+        arm = self.arms[hand]
         # the last pose is the start of the search, if the equations have no closed forward solution
-        T_base_tool = eye.kin.forward(self._signals[ROBOT_Q.of(eye.robot)], self._T.get(hand))
-        self._T[hand] = T_base_tool
-        return eye.T_world_base @ T_base_tool
+        T_base_tool = arm.kin.forward(self._signals[ROBOT_Q.of(arm.robot)], self._last_tools.get(hand))
+        self._last_tools[hand] = T_base_tool
+        return arm.T_world_base @ T_base_tool
 
     # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _show(self) -> Iterator[None]:
         """Turn both handles a little, as the start condition requires."""
-        for s in self._shares(0.3):
+        for s in self._done_shares(0.3):
             R = spatial.rotation_z(s * self.habits.show)
-            self._R = dict.fromkeys(self.arms, R)
+            self._rotations = dict.fromkeys(self.arms, R)
             yield
         yield from self._rest(0.1)
 
     def _look(self, points: Mapping[str, Array]) -> Iterator[None]:
         """Move the camera until the mean of the points is near the middle of the picture."""
-        for _ in range(_DRAGS):
+        for _ in range(_LARGEST_DRAGS):
             middle = np.mean(list(self._in_picture(points).values()), axis=0)
-            half_picture = self._half * max(-middle[2], 1e-6)
+            half_picture = self._half_picture * max(-middle[2], 1e-6)
             eccentricity = float(np.abs(middle[:2]).max()) / half_picture
             limit = self.habits.central
-            if self._camera:
-                # once the pedal is pressed, the limit is lower: the target is not left at the edge of the central area
-                limit *= 0.4
+            if self._camera:  # the target is not left at the edge of the central area
+                limit *= _CENTRED_SHARE
             if eccentricity < limit:
                 break
             if not self._camera:
@@ -246,53 +260,53 @@ class SurgeonHands(SimulatedHands):
         """
         hand = self.habits.hand
         factor = 1.0
-        longest = 0.0
+        largest_length = 0.0
         for name, displacement in displacements.items():
-            from_middle = self._p[name] - self._middle[name]
-            room = np.where(displacement > 0, hand.reach[0] - from_middle, hand.reach[0] + from_middle)
-            possible = room / np.maximum(np.abs(displacement), 1e-12)
+            from_middle = self._positions[name] - self._middle[name]
+            space = np.where(displacement > 0, hand.reach[0] - from_middle, hand.reach[0] + from_middle)
+            possible = space / np.maximum(np.abs(displacement), 1e-12)
             factor = min(factor, float(possible.min()))
-            longest = max(longest, float(np.linalg.norm(displacement)))
-        if factor < 0.05:
+            largest_length = max(largest_length, float(np.linalg.norm(displacement)))
+        if factor < _LEAST_STROKE:
             yield from self._move_back()
             return
-        seconds = longest / hand.speed[0]
+        seconds = largest_length / hand.speed[0]
         rotations = {}
         for name, rotation in (turns or {}).items():
             seconds = max(seconds, float(np.linalg.norm(rotation)) / hand.speed[1])
             rotations[name] = factor * rotation
-        to = {}
+        targets = {}
         for name, displacement in displacements.items():
-            to[name] = self._p[name] + factor * displacement
-        yield from self._move(to, factor * seconds, rotations)
+            targets[name] = self._positions[name] + factor * displacement
+        yield from self._move(targets, factor * seconds, rotations)
         yield from self._rest(pause)
 
     def _move_back(self) -> Iterator[None]:
         """Press the clutch, and move both hands to the middle of their ranges."""
         self._clutch = True
         yield from self._rest(self.habits.clutched)
-        yield from self._move(self._middle, 0.6)
+        yield from self._move(self._middle, _MOVE_BACK)
         yield from self._rest(self.habits.clutched)
         self._clutch = False
         yield from self._rest(0.1)
 
     def _move(
-        self, to: Mapping[str, Array], seconds: float, turns: Mapping[str, Array] | None = None
+        self, targets: Mapping[str, Array], seconds: float, turns: Mapping[str, Array] | None = None
     ) -> Iterator[None]:
         """Move the hands to points (3,) in m, turned by rotations (3,) in rad, with minimum jerk."""
-        start = dict(self._p)
+        start = dict(self._positions)
         rotations = {}
         for hand, turn in (turns or {}).items():
             angle = float(np.linalg.norm(turn))
             if angle > 1e-9:
                 K = spatial.hat(turn / angle)
-                R = self._R[hand]
+                R = self._rotations[hand]
                 rotations[hand] = (angle, R, K @ R, K @ K @ R)
-        for s in self._shares(max(0.35, seconds)):
-            for hand, p in to.items():
-                self._p[hand] = start[hand] + s * (p - start[hand])
+        for s in self._done_shares(max(_SHORTEST_STROKE, seconds)):
+            for hand, p in targets.items():
+                self._positions[hand] = start[hand] + s * (p - start[hand])
             for hand, (angle, R, KR, KKR) in rotations.items():  # Rodrigues' formula
-                self._R[hand] = R + np.sin(s * angle) * KR + (1 - np.cos(s * angle)) * KKR
+                self._rotations[hand] = R + np.sin(s * angle) * KR + (1 - np.cos(s * angle)) * KKR
             yield
 
     def _reach(
@@ -302,9 +316,9 @@ class SurgeonHands(SimulatedHands):
 
         A pose is reached if at most `tolerance` in m and `near_turn` in rad remain.
         """
-        least = np.inf
+        least_remaining = np.inf
         stalled = 0
-        while goals and stalled < _STALLED:
+        while goals and stalled < _LARGEST_STALLS:
             R_view = self._view()[:3, :3]
             displacements = {}
             rotations = {}
@@ -320,18 +334,18 @@ class SurgeonHands(SimulatedHands):
                 rotations[hand] = self._misjudged(rotation)
             if remaining < 1.0:
                 return True
-            if remaining < 0.98 * least:
-                least = remaining
+            if remaining < _PROGRESS * least_remaining:
+                least_remaining = remaining
                 stalled = 0
             else:
                 stalled += 1
             yield from self._stroke(displacements, self.habits.hand.pause, rotations)
         return not goals
 
-    def _turn_grip(self, to: Mapping[str, float]) -> Iterator[None]:
+    def _turn_grip(self, targets: Mapping[str, float]) -> Iterator[None]:
         start = dict(self._grip)
-        for s in self._shares(self.habits.grasp):
-            for hand, grip in to.items():
+        for s in self._done_shares(self.habits.grasp):
+            for hand, grip in targets.items():
                 self._grip[hand] = start[hand] + s * (grip - start[hand])
             yield
 
@@ -339,7 +353,7 @@ class SurgeonHands(SimulatedHands):
         for _ in range(round(seconds / self.dt)):
             yield
 
-    def _shares(self, seconds: float) -> Iterator[float]:
+    def _done_shares(self, seconds: float) -> Iterator[float]:
         """Yield the fraction of a movement that is done at each tick."""
         k = max(1, round(seconds / self.dt))
         yield from minimum_jerk(np.arange(1, k + 1) / k).tolist()

@@ -12,16 +12,16 @@ from twin.simulation.controllers.trainer_states import MODE, TrainerMode, Traine
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.world.signal_kinds import ROBOT_PHASE
 
-_STROKE = 0.045
+_STROKE_LENGTH = 0.045
 """Length in m of a stroke of a hand."""
 
-_WAIT = 150.0
+_LONGEST_WAIT = 150.0
 """Longest time in s that the trainee waits for a replay."""
 
-_REST = 0.6
+_STEP_PAUSE = 0.6
 """Pause in s between two steps of the exercise."""
 
-_DONE = {TrainerMode.REHEARSE: 0.6, TrainerMode.JUDGE: 0.75, TrainerMode.REPLAY: 0.8}
+_DONE_AT_MODE = {TrainerMode.REHEARSE: 0.6, TrainerMode.JUDGE: 0.75, TrainerMode.REPLAY: 0.8}
 """Completed fraction of the exercise when the trainee asks for a mode."""
 
 
@@ -64,38 +64,38 @@ class Trainee(SurgeonHands):
             self.done = 0.6 * k / self._triangles
             yield from self._move_back()
             first, second = self._sides()
-            yield from self._both(first)
-            yield from self._both(second)
-            yield from self._both(-(first + second))  # back to the first corner
+            yield from self._stroke_both(first)
+            yield from self._stroke_both(second)
+            yield from self._stroke_both(-(first + second))  # back to the first corner
         yield from self._move_back()
-        yield from self._ask(TrainerMode.REHEARSE)
+        yield from self._request(TrainerMode.REHEARSE)
         for side in self._sides():
-            yield from self._both(side)
-        yield from self._ask(TrainerMode.JUDGE)
+            yield from self._stroke_both(side)
+        yield from self._request(TrainerMode.JUDGE)
         for _ in range(2):
-            yield from self._ask(TrainerMode.REPLAY)
+            yield from self._request(TrainerMode.REPLAY)
             yield from self._await_end_of_replay()
-            yield from self._ask(TrainerMode.TELEOPERATE)
+            yield from self._request(TrainerMode.TELEOPERATE)
 
     def _sides(self) -> tuple[Array, Array]:
         """Return two displacements (3,) of a hand in m, at a large angle to each other."""
         first = self._rng.normal(size=3)
         first /= np.linalg.norm(first)
         second = np.cross(first, self._rng.normal(size=3))
-        return _STROKE * first, _STROKE * second / np.linalg.norm(second)
+        return _STROKE_LENGTH * first, _STROKE_LENGTH * second / np.linalg.norm(second)
 
-    def _both(self, displacement: Array) -> Iterator[None]:
+    def _stroke_both(self, displacement: Array) -> Iterator[None]:
         strokes: Mapping[str, Array] = dict.fromkeys(self.arms, displacement)
-        yield from self._stroke(strokes, _REST)
+        yield from self._stroke(strokes, _STEP_PAUSE)
 
-    def _ask(self, mode: TrainerMode) -> Iterator[None]:
+    def _request(self, mode: TrainerMode) -> Iterator[None]:
         self._mode = mode
         self.doing = mode.name.lower()
-        self.done = max(self.done, _DONE.get(mode, 0.0))
-        yield from self._rest(_REST)
+        self.done = max(self.done, _DONE_AT_MODE.get(mode, 0.0))
+        yield from self._rest(_STEP_PAUSE)
 
     def _await_end_of_replay(self) -> Iterator[None]:
-        for _ in range(round(_WAIT / self.dt)):
+        for _ in range(round(_LONGEST_WAIT / self.dt)):
             if all(self._signals[name][0] in (TrainerPhase.DONE, TrainerPhase.STOPPED) for name in self._phases):
                 return
             yield

@@ -24,21 +24,25 @@ class Kinematic(Block):
     def __init__(self, robot: str, q: ArrayLike, limits: JointLimits) -> None:
         """Start at joint values q (n,) in m or rad."""
         self.q = np.array(q, float)
-        self._tick = np.zeros(1)
-        self._command = ROBOT_COMMAND.of(robot)
-        self._q = ROBOT_Q.of(robot)
-        self._encoder = ROBOT_ENCODER.of(robot)
+        self._tick_duration = np.zeros(1)
+        self._command_signal = ROBOT_COMMAND.of(robot)
+        self._q_signal = ROBOT_Q.of(robot)
+        self._encoder_signal = ROBOT_ENCODER.of(robot)
         self._limits = limits
-        self.outputs = {self._q: self.q.copy(), self._encoder: self.q.copy()}
+        self.outputs = {self._q_signal: self.q.copy(), self._encoder_signal: self.q.copy()}
 
     def attach(self, signals: Signals, memory: Mapping[str, Array]) -> None:
         """Compile the step, which reads the command directly from the memory of its signal."""
-        self._next, self._follow = attach(self._limits.follow, self.q, signals.now[self._command], self._tick)
-        self._copies = memory[self._q], memory[self._encoder]
+        self._next_q, self._compute = attach(
+            self._limits.follow, self.q, signals.now[self._command_signal], self._tick_duration
+        )
+        self._output_memory = memory[self._q_signal], memory[self._encoder_signal]
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the joints towards the command."""
-        self._tick[0] = dt
-        self._follow()
-        q, encoder = self._copies
-        self.q[...] = q[...] = encoder[...] = self._next
+        self._tick_duration[0] = dt
+        self._compute()
+        q, encoder = self._output_memory
+        self.q[...] = self._next_q
+        q[...] = self._next_q
+        encoder[...] = self._next_q

@@ -18,7 +18,7 @@ from twin.simulation import console_scene
 from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.devices.surgeon_hands import Eye, Seat, SimulatedHands
+from twin.simulation.devices.surgeon_hands import Seat, SeenArm, SimulatedHands
 from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.session import session_file
 from twin.simulation.session.forces import ForceMeasures, ForceMeter
@@ -201,7 +201,7 @@ def seat_of(setup: Setup, seed: int, scale: float | None) -> Seat:
         name = getattr(table, hand)[0]
         member = setup.members[name]
         T_tool_tip = member.mechanism.frame_in_tool(table.tip or member.mechanism.tool)
-        arms[hand] = Eye(name, member.kin, setup.places[name].T_world_base, T_tool_tip)
+        arms[hand] = SeenArm(name, member.kin, setup.places[name].T_world_base, T_tool_tip)
     camera = setup.scene.cameras[table.camera]
     if scale is None:
         scale = table.scale

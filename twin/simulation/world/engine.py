@@ -36,14 +36,14 @@ class Placed:
     links: Callable[[Array], Mapping[str, Array]] | None = None
 
 
-class _Run(NamedTuple):
+class _BlockRun(NamedTuple):
     """A block with the ticks and the time in s between its steps, and the memory and hazards of its signals.
 
     The World unpacks this tuple in each tick, which is faster than reading attributes.
     """
 
     block: Block
-    every: int
+    ticks_per_step: int
     dt: float
     memory: Mapping[str, Array]
     hazards: Mapping[str, Sequence[Hazard]]
@@ -98,12 +98,12 @@ class World:
         blocks = (*devices, *controllers, *plants)
         initial = _initial_values(blocks, hazards)
         self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
-        self._devices: list[_Run] = []
+        self._devices: list[_BlockRun] = []
         for block in devices:
-            self._devices.append(self._run(block, hazards))
-        self._moved: list[_Run] = []
+            self._devices.append(self._block_run(block, hazards))
+        self._acting: list[_BlockRun] = []
         for block in (*controllers, *plants):
-            self._moved.append(self._run(block, hazards))
+            self._acting.append(self._block_run(block, hazards))
         for robot in robots:
             self._require_plant(ROBOT_Q.of(robot.name), len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
@@ -111,19 +111,19 @@ class World:
             self._require_owner(deformable)
         for item in objects:
             self._require_plant(OBJECT_POSE.of(item.name), 16, f"object '{item.name}'")
-        for run in (*self._devices, *self._moved):
+        for run in (*self._devices, *self._acting):
             run.block.attach(self.signals, run.memory)
-        self._log: list[Array] = []
+        self._rows: list[Array] = []
         self._records = records
         self._assemblies: dict[str, tuple[ReferenceModel, Assembly | None]] = {}
 
-    def _run(self, block: Block, hazards: Iterable[Hazard]) -> _Run:
-        every = round(block.period / self.dt)
+    def _block_run(self, block: Block, hazards: Iterable[Hazard]) -> _BlockRun:
+        ticks_per_step = round(block.period / self.dt)
         # A period is a decimal number, so its quotient by dt is whole only up to rounding.
-        if abs(every * self.dt - block.period) > 1e-9 * self.dt or block.period < 0:
+        if abs(ticks_per_step * self.dt - block.period) > 1e-9 * self.dt or block.period < 0:
             name = type(block).__name__
             raise WorldError(f"{name} steps every {block.period:g} s, which is not a multiple of {self.dt:g} s")
-        every = max(every, 1)
+        ticks_per_step = max(ticks_per_step, 1)
         changes: dict[str, list[Hazard]] = {}
         memory = {}
         for name in block.outputs:
@@ -137,7 +137,7 @@ class World:
                 memory[name] = self.signals.view(f"{name}.written")
             else:
                 memory[name] = self.signals.view(name)
-        return _Run(block, every, every * self.dt, memory, changes)
+        return _BlockRun(block, ticks_per_step, ticks_per_step * self.dt, memory, changes)
 
     def _require_plant(self, signal: str, size: int, whose: str) -> None:
         """Raise `WorldError` unless a block writes a signal with this number of values; `whose` names its owner."""
@@ -179,8 +179,8 @@ class World:
             t = self.t
             # No device sees the output of another device in this tick; if one has ended, no signal has changed yet.
             inputs: list[Mapping[str, ArrayLike]] = []
-            for block, every, dt, *_ in self._devices:
-                values = {} if tick % every else block.step(signals, t, dt)
+            for block, ticks_per_step, dt, *_ in self._devices:
+                values = {} if tick % ticks_per_step else block.step(signals, t, dt)
                 if values is None:
                     self.ended = True
                 else:
@@ -192,14 +192,14 @@ class World:
                     _write(block, out, memory)
                 if hazards:
                     self._change(memory, hazards, t)
-            for block, every, dt, memory, hazards in self._moved:
-                if (every == 1 or tick % every == 0) and (out := block.step(signals, t, dt)):
+            for block, ticks_per_step, dt, memory, hazards in self._acting:
+                if (ticks_per_step == 1 or tick % ticks_per_step == 0) and (out := block.step(signals, t, dt)):
                     _write(block, out, memory)
                 if hazards:
                     self._change(memory, hazards, t)
             signals.check(t)
             if self._records:
-                self._log.append(signals.row.copy())
+                self._rows.append(signals.row.copy())
             self.tick += 1
         return True
 
@@ -219,7 +219,7 @@ class World:
         """Return the recording of all ticks so far."""
         sizes = self.signals.sizes
         # A World without ticks has no rows, but as many columns as one with ticks.
-        rows = np.array(self._log, float).reshape(-1, sum(sizes.values()))
+        rows = np.array(self._rows, float).reshape(-1, sum(sizes.values()))
         return Recording(self.dt, dict(sizes), rows)
 
     def frame(self) -> WorldFrame:

@@ -1,7 +1,8 @@
 """Contact of movable objects with instruments and fixed parts, simulated by MuJoCo.
 
-`gripper` computes the poses of an instrument's links, `shapes` creates the collision shapes; `plant` is the block of
-the World.
+`plant` is the block of the World; `gripper` computes the poses of an instrument's links, `collision_shapes` creates the
+shapes in MuJoCo, `contact_planes` finds the planes of which the hands feel forces, with `levers` of the shafts;
+`grip_frame` measures the frame of closed jaws.
 """
 
 from twin.simulation.plants.contact.collision_shapes import Solid

@@ -17,10 +17,10 @@ from twin.model.body import Mesh
 from twin.model.hull import require_hull
 from twin.model.movable import Movable
 
-RING = 12
+RING_CAPSULES = 12
 """Number of capsules of a ring."""
 
-_ALIKE = 0.03
+_VOLUME_TOLERANCE = 0.03
 """Largest relative difference between the volumes of a part and of a box or capsule that replaces the part."""
 
 
@@ -55,13 +55,13 @@ def add_object(body: mujoco.MjsBody, item: Movable, **geom_attributes: object) -
         body.add_geom(type=kinds.mjGEOM_SPHERE, size=[item.size[0], 0, 0], mass=item.mass, **geom_attributes)
     else:
         radius, wire = item.size
-        angles = np.arange(RING + 1) * (2 * np.pi / RING)
+        angles = np.arange(RING_CAPSULES + 1) * (2 * np.pi / RING_CAPSULES)
         # the capsules' middles and ends are equally far inside and outside the wire's centre line
-        corner_radius = 2 * radius / (1 + np.cos(np.pi / RING))
-        corners = corner_radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RING + 1)])
+        corner_radius = 2 * radius / (1 + np.cos(np.pi / RING_CAPSULES))
+        corners = corner_radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RING_CAPSULES + 1)])
         for start, end in pairwise(corners):
             ends = [*start.tolist(), *end.tolist()]
-            mass = item.mass / RING
+            mass = item.mass / RING_CAPSULES
             body.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[wire, 0, 0], mass=mass, **geom_attributes)
 
 
@@ -91,21 +91,21 @@ def add_part(
     length = float(edges[longest])
     capsule_volume = np.pi * radius**2 * (length - 2 * radius / 3)
     T_body_box = T_body @ spatial.inverse(to_box)
-    is_box = abs(volume / np.prod(edges) - 1) < _ALIKE
-    is_round = np.ptp(others) < _ALIKE * radius
+    is_box = abs(volume / np.prod(edges) - 1) < _VOLUME_TOLERANCE
+    is_round = np.ptp(others) < _VOLUME_TOLERANCE * radius
     if is_box:
-        _placed(body, T_body_box, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **geom_attributes)
-    elif is_round and abs(volume / capsule_volume - 1) < _ALIKE:
+        _add_placed_geom(body, T_body_box, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **geom_attributes)
+    elif is_round and abs(volume / capsule_volume - 1) < _VOLUME_TOLERANCE:
         # a capsule of MuJoCo is along z
         R_box_capsule = spatial.frame_from_axes(np.eye(3)[longest], np.eye(3)[(longest + 1) % 3])
         T_body_capsule = T_body_box @ spatial.pose(R_box_capsule)
         size = [radius, length / 2 - radius, 0]
-        _placed(body, T_body_capsule, type=kinds.mjGEOM_CAPSULE, size=size, **geom_attributes)
+        _add_placed_geom(body, T_body_capsule, type=kinds.mjGEOM_CAPSULE, size=size, **geom_attributes)
     else:
         name = f"{owner}/{part.name}"
         convex = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=convex)
-        _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **geom_attributes)
+        _add_placed_geom(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **geom_attributes)
 
 
 @lru_cache(maxsize=256)
@@ -124,6 +124,7 @@ def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
     return np.array(hull.vertices), float(hull.volume), np.array(to_box), np.array(edges)
 
 
-def _placed(body: mujoco.MjsBody, T: Array, **geom_attributes: object) -> None:
+def _add_placed_geom(body: mujoco.MjsBody, T: Array, **geom_attributes: object) -> None:
+    """Add a geom at a pose T (4, 4) in the frame of the body."""
     quaternion = spatial.quat_from_matrix_wxyz(T[:3, :3])
     body.add_geom(pos=T[:3, 3].tolist(), quat=quaternion.tolist(), **geom_attributes)

@@ -14,20 +14,20 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.evaluator import attach
-from twin.simulation.local_plane import COUNT, SIZE, WIDTH, LocalPlane, rows
+from twin.simulation.local_plane import PLANE_COUNT, PLANE_SIZE, SIGNAL_SIZE, LocalPlane, rows
 from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.plants.contact.levers import ToolLevers
 from twin.simulation.proxy import proxy
 from twin.simulation.world.signal_kinds import ROBOT_PLANES
 
-NAME = ROBOT_PLANES.what
+PLANES_SIGNAL = ROBOT_PLANES.what
 """Last part of the name of the signal with the planes of a robot."""
 
-_NEAR = 0.2e-3
+_CONTACT_MARGIN = 0.2e-3
 """Distance in m between a proxy and a part below which a contact is found, although they do not touch; ASSUMED."""
 
-_FAR = 1e-3
+_LARGEST_PROXY_STEP = 1e-3
 """Largest motion of a proxy in m in one step; ASSUMED, less than half of the thickness of parts."""
 
 
@@ -74,8 +74,8 @@ class ContactPlanes:
     A part does not stop an instrument: the instrument can move through the part. Therefore, contacts are found at the
     proxy of the instrument, which stays outside of the part, on the side from which the instrument came (Ruspini,
     Kolarov and Khatib, SIGGRAPH 1997). The proxy moves towards the nearest point outside of the latest planes, in steps
-    of at most `_FAR`, which is less than the thickness of parts. When the instrument has passed through the part and
-    touches nothing, the proxy returns to the instrument.
+    of at most `_LARGEST_PROXY_STEP`, which is less than the thickness of parts. When the instrument has passed through
+    the part and touches nothing, the proxy returns to the instrument.
     """
 
     def __init__(
@@ -95,8 +95,8 @@ class ContactPlanes:
         """
         self._grippers = tuple(grippers)
         self._owners = owners
-        self._bodies = m.geom_bodyid.tolist()
-        self._hands: list[int] = []
+        self._body_of_geom = m.geom_bodyid.tolist()
+        self._hand_bodies: list[int] = []
         self._link_index: dict[int, int] = {}  # body -> index in `Gripper.links`, without the hand
         self._levers: list[ToolLevers] = []
         self._proxies: list[_Proxy] = []
@@ -108,28 +108,28 @@ class ContactPlanes:
                 name = f"{gripper.robot}/{link.name}"
                 addresses.append(m.joint(name).qposadr[0])
                 if i == 0:
-                    self._hands.append(m.body(name).id)
+                    self._hand_bodies.append(m.body(name).id)
                 else:
                     self._link_index[m.body(name).id] = i
             self._addresses.append(addresses)
             # Different phases: the instruments do not compute their levers in the same step.
             self._levers.append(ToolLevers(gripper, 2 * k))
             self._proxies.append(_Proxy())
-            self.outputs[ROBOT_PLANES.of(gripper.robot)] = np.zeros(SIZE)
-        self._items = [m.body(name).id for name in objects]
+            self.outputs[ROBOT_PLANES.of(gripper.robot)] = np.zeros(SIGNAL_SIZE)
+        self._object_bodies = [m.body(name).id for name in objects]
         self._grasps: dict[int, _Grasp] = {}
         self._step = 0
-        self._turn = np.zeros(4)
-        self._R = np.zeros(9)
-        self._pushed = [False] * len(grippers)
-        self._rigid = copy.copy(m)  # the instruments and the fixed parts, without the objects
-        self._rigid.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._turn_quaternion = np.zeros(4)
+        self._rotation_values = np.zeros(9)
+        self._had_held_planes = [False] * len(grippers)
+        self._model_without_objects = copy.copy(m)  # the instruments and the fixed parts, without the objects
+        self._model_without_objects.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         for geom, owner in enumerate(owners):
             if owner.item != NONE:
-                self._rigid.geom_contype[geom] = 0
-                self._rigid.geom_conaffinity[geom] = 0
-        self._rigid.geom_margin[:] = _NEAR
-        self._at = mujoco.MjData(self._rigid)
+                self._model_without_objects.geom_contype[geom] = 0
+                self._model_without_objects.geom_conaffinity[geom] = 0
+        self._model_without_objects.geom_margin[:] = _CONTACT_MARGIN
+        self._data = mujoco.MjData(self._model_without_objects)  # at the joint values, or at a proxy
 
     def planes(
         self, d: mujoco.MjData, place: Callable[[Array], None], q: Sequence[Array], holders: Sequence[int]
@@ -143,7 +143,7 @@ class ContactPlanes:
             holders: index of the instrument that holds each object; -1: none.
         """
         self._step += 1
-        place(self._at.qpos)
+        place(self._data.qpos)
         # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
         arms_in_contact = []
         for arm in range(len(self._proxies)):
@@ -160,13 +160,13 @@ class ContactPlanes:
         for arm, arm_proxy in enumerate(self._proxies):
             planes = held_planes[arm]
             # A plane of a held object that was in the last signal must be taken out of it, too.
-            if arm in changed or planes or self._pushed[arm]:
+            if arm in changed or planes or self._had_held_planes[arm]:
                 if planes:
                     values = rows([*arm_proxy.local_planes, *planes], self._tool(d, arm))
                 else:
                     values = arm_proxy.planes.copy()
                 signals[ROBOT_PLANES.of(self._grippers[arm].robot)] = values
-            self._pushed[arm] = bool(planes)
+            self._had_held_planes[arm] = bool(planes)
         return signals
 
     def _at_joints(self, q: Sequence[Array]) -> list[int]:
@@ -181,7 +181,7 @@ class ContactPlanes:
                 continue
             changed.append(arm)
             if deepest > 0:
-                T = self._tool(self._at, arm)
+                T = self._tool(self._data, arm)
                 arm_proxy.find(T, self._planes_of(touches, q[arm], arm, T))
             else:
                 arm_proxy.release()
@@ -190,27 +190,27 @@ class ContactPlanes:
     def _at_proxy(self, arm: int, q: Sequence[Array]) -> None:
         """Move the proxy of an instrument, and find the planes at the proxy."""
         start = self._addresses[arm][0]
-        position = self._at.qpos[start : start + 3]
-        mujoco.mju_quat2Mat(self._R, self._at.qpos[start + 3 : start + 7])
-        T = spatial.pose(self._R.reshape(3, 3), position) @ self._grippers[arm].T_hand_tool
+        position = self._data.qpos[start : start + 3]
+        mujoco.mju_quat2Mat(self._rotation_values, self._data.qpos[start + 3 : start + 7])
+        T = spatial.pose(self._rotation_values.reshape(3, 3), position) @ self._grippers[arm].T_hand_tool
         offset = self._proxies[arm].move(T)
-        self._displace(self._at.qpos, arm, q[arm], offset)
+        self._displace(self._data.qpos, arm, q[arm], offset)
         T_proxy = spatial.pose(T[:3, :3], T[:3, 3] + offset)
         touches = self._touches()[arm]
         self._proxies[arm].find(T, self._planes_of(touches, q[arm], arm, T_proxy))
 
     def _touches(self) -> list[list[_Touch]]:
-        """Return the contacts of each instrument at the positions in `_at`."""
-        mujoco.mj_kinematics(self._rigid, self._at)
-        mujoco.mj_collision(self._rigid, self._at)
+        """Return the contacts of each instrument at the positions in `_data`."""
+        mujoco.mj_kinematics(self._model_without_objects, self._data)
+        mujoco.mj_collision(self._model_without_objects, self._data)
         touches: list[list[_Touch]] = [[] for _ in self._grippers]
-        for (first, second), normal, point, depth in _deepest(self._at, _NEAR):
+        for (first, second), normal, point, depth in _deepest(self._data, _CONTACT_MARGIN):
             # MuJoCo's normal points out of the first geom
             for geom, outward in ((first, -normal), (second, normal)):
                 arm = self._owners[geom].arm
                 if arm != NONE:
                     deepest_point = point - outward * (depth / 2)
-                    touches[arm].append(_Touch(depth, self._bodies[geom], deepest_point, outward))
+                    touches[arm].append(_Touch(depth, self._body_of_geom[geom], deepest_point, outward))
         return touches
 
     def _displace(self, qpos: Array, arm: int, q: Array, offset: Array) -> None:
@@ -223,8 +223,8 @@ class ContactPlanes:
             turn = twist[3:] @ offset
             angle = float(np.linalg.norm(turn))
             if angle > 0:
-                mujoco.mju_axisAngle2Quat(self._turn, turn / angle, angle)
-                mujoco.mju_mulQuat(quaternion, self._turn, quaternion.copy())
+                mujoco.mju_axisAngle2Quat(self._turn_quaternion, turn / angle, angle)
+                mujoco.mju_mulQuat(quaternion, self._turn_quaternion, quaternion.copy())
 
     def _planes_of(self, touches: Sequence[_Touch], q: Array, arm: int, T_world_tool: Array) -> list[LocalPlane]:
         """Return the planes of contacts of an instrument at joint values q (n,) with its tool at T_world_tool."""
@@ -241,14 +241,14 @@ class ContactPlanes:
     def _lever(self, q: Array, arm: int, body: int, point: Array, normal: Array) -> Array:
         """Return the displacement (3,) of a link's point along the normal per displacement of the tool."""
         twist = self._levers[arm].twists(q, self._step)[self._link_index[body]]
-        x, y, z = point - self._at.xpos[body]
+        x, y, z = point - self._data.xpos[body]
         moment = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ normal
         return twist[:3].T @ normal + twist[3:].T @ moment
 
     def _held(self, d: mujoco.MjData, holders: Sequence[int]) -> list[list[LocalPlane]]:
         """Return planes for each instrument: contacts of its held objects with anything but this instrument."""
         planes: list[list[LocalPlane]] = [[] for _ in self._grippers]
-        pushed = set()
+        pushed_items = set()
         contacts: list[_PairContact] = []
         if max(holders, default=NONE) != NONE:
             contacts = _deepest(d)
@@ -260,33 +260,33 @@ class ContactPlanes:
                 arm = holders[item]
                 if arm == NONE or self._owners[other_geom].arm == arm:
                     continue
-                pushed.add(item)
+                pushed_items.add(item)
                 if item in self._grasps:
-                    touched = point - outward * (depth / 2)
-                    T_world_hand = _pose(d, self._hands[arm])
-                    T_object_world = spatial.inverse(_pose(d, self._items[item]))
+                    touched_point = point - outward * (depth / 2)
+                    T_world_hand = _pose(d, self._hand_bodies[arm])
+                    T_object_world = spatial.inverse(_pose(d, self._object_bodies[item]))
                     undo_slip = T_world_hand @ self._grasps[item].T_hand_object @ T_object_world
-                    without_slip = undo_slip[:3, :3] @ touched + undo_slip[:3, 3]
-                    slip = max(float(outward @ (touched - without_slip)), 0.0)
-                    plane = LocalPlane.at_tool(self._tool(d, arm), without_slip, outward, depth + slip)
+                    point_without_slip = undo_slip[:3, :3] @ touched_point + undo_slip[:3, 3]
+                    slip = max(float(outward @ (touched_point - point_without_slip)), 0.0)
+                    plane = LocalPlane.at_tool(self._tool(d, arm), point_without_slip, outward, depth + slip)
                     planes[arm].append(plane)
-        self._store_grasps(d, holders, pushed)
+        self._store_grasps(d, holders, pushed_items)
         return planes
 
-    def _store_grasps(self, d: mujoco.MjData, holders: Sequence[int], pushed: set[int]) -> None:
-        """Store the pose in the hand of each held object that is not `pushed` by anything else."""
+    def _store_grasps(self, d: mujoco.MjData, holders: Sequence[int], pushed_items: set[int]) -> None:
+        """Store the pose in the hand of each held object that is not in `pushed_items`: nothing else touches it."""
         for item, arm in enumerate(holders):
             if arm == NONE:
                 self._grasps.pop(item, None)
                 continue
             grasp = self._grasps.get(item)
-            if item not in pushed or grasp is None or grasp.arm != arm:
+            if item not in pushed_items or grasp is None or grasp.arm != arm:
                 # While an object touches nothing else, its present pose in the jaws is the one without slip.
-                T_hand_world = spatial.inverse(_pose(d, self._hands[arm]))
-                self._grasps[item] = _Grasp(arm, T_hand_world @ _pose(d, self._items[item]))
+                T_hand_world = spatial.inverse(_pose(d, self._hand_bodies[arm]))
+                self._grasps[item] = _Grasp(arm, T_hand_world @ _pose(d, self._object_bodies[item]))
 
     def _tool(self, d: mujoco.MjData, arm: int) -> Array:
-        return _pose(d, self._hands[arm]) @ self._grippers[arm].T_hand_tool
+        return _pose(d, self._hand_bodies[arm]) @ self._grippers[arm].T_hand_tool
 
 
 class _Proxy:
@@ -301,13 +301,13 @@ class _Proxy:
     def __init__(self) -> None:
         """Compile the function that computes the displacement from the tool to the proxy."""
         self.local_planes: list[LocalPlane] = []
-        self.planes = np.zeros(SIZE)
+        self.planes = np.zeros(SIGNAL_SIZE)
         self.touches = False
         self._T = np.zeros(16)
         self._position = np.zeros(3)
-        planes = ca.SX.sym("planes", SIZE)
+        planes = ca.SX.sym("planes", SIGNAL_SIZE)
         T = ca.SX.sym("T", 16)
-        planes_by_row = symbolic.unflat(planes, COUNT, WIDTH)
+        planes_by_row = symbolic.unflat(planes, PLANE_COUNT, PLANE_SIZE)
         levers = ca.horzcat(
             planes_by_row[:, :3], planes_by_row[:, :3], planes_by_row[:, 6:]
         )  # levers instead of normals
@@ -335,7 +335,7 @@ class _Proxy:
         self._compute()
         step = T[:3, 3] + self._displacement - self._position
         length = max(float(np.linalg.norm(step)), 1e-12)  # not 0, by which it is divided
-        self._position = self._position + step * min(1.0, _FAR / length)
+        self._position = self._position + step * min(1.0, _LARGEST_PROXY_STEP / length)
         return self._position - T[:3, 3]
 
 

@@ -18,10 +18,10 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
-_TURN = 0.1
+_JAW_STEP = 0.1
 """Difference in rad between two values of the jaw's joint; the axes of the jaws are computed from the poses at both."""
 
-_STILL = 1e-6
+_SMALLEST_TURN = 1e-6
 """Angle in rad below which a link does not turn with the jaw's joint."""
 
 
@@ -98,13 +98,13 @@ class Gripper:
             self.jaws = jaws_of(mechanism, tool.body, self.jaw)
         self._kin = kin
         self._q = np.zeros(len(names))
-        self._tool = np.zeros(16)
+        self._tool_values = np.zeros(16)
         T_tool_hand = spatial.inverse(tool.T_body_frame)
         chain = _chain(T_world_base, T_tool_hand, wrist_joints, len(names))
         # Both functions read and write these arrays in place, so that a tick allocates nothing.
         if kin.closed_forward:
-            self._tool, self._forward = attach(kin.program.forward.function, self._q)
-        link_values, self._compute_links = attach(chain, self._tool, self._q)
+            self._tool_values, self._forward = attach(kin.program.forward.function, self._q)
+        link_values, self._compute_links = attach(chain, self._tool_values, self._q)
         self._link_rows = link_values.reshape(len(self.links), 12)
 
     def place(self, q: Array) -> Array:
@@ -117,8 +117,8 @@ class Gripper:
             self._forward()
         else:
             # The last pose is the start of the search, except in the first call, where there is none.
-            start = self._tool.reshape(4, 4) if self._tool.any() else None
-            self._tool[...] = self._kin.forward(q, start).ravel()
+            start = self._tool_values.reshape(4, 4) if self._tool_values.any() else None
+            self._tool_values[...] = self._kin.forward(q, start).ravel()
         self._compute_links()
         return self._link_rows
 
@@ -157,11 +157,11 @@ def _wrist_joints(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
         WorldError: one of them is passive or not revolute.
     """
     path = mechanism.path(body)
-    first = len(path)
+    first_wrist_joint = len(path)
     for i, joint in enumerate(path):
         if joint.type == "prismatic":
-            first = i + 2  # the joint after the prismatic one moves the shaft; the next one moves the wrist
-    wrist = path[first:]
+            first_wrist_joint = i + 2  # the joint after the prismatic one moves the shaft; the next one moves the wrist
+    wrist = path[first_wrist_joint:]
     for joint in wrist:
         if joint.type != "revolute" or not joint.active:
             raise WorldError(
@@ -179,22 +179,22 @@ def jaws_of(mechanism: Mechanism, hand: str, index: int) -> tuple[GripperJaw, ..
         q = np.array(mechanism.posture("home"), float)
     q[index] = 0.0
     closed = model.solve(q).link_poses
-    q[index] = _TURN
+    q[index] = _JAW_STEP
     opened = model.solve(q).link_poses
     jaw_joint = mechanism.active[index].name
     jaws = []
     for body in mechanism.bodies:
         T_hand_closed = spatial.inverse(closed[hand]) @ closed[body.name]
         T_hand_open = spatial.inverse(opened[hand]) @ opened[body.name]
-        D = T_hand_open @ spatial.inverse(T_hand_closed)
-        rotation = spatial.log_so3(D[:3, :3])
+        T_motion = T_hand_open @ spatial.inverse(T_hand_closed)
+        rotation = spatial.log_so3(T_motion[:3, :3])
         angle = float(np.linalg.norm(rotation))
-        if angle < _STILL or jaw_joint not in _carrying(mechanism, body.name):
+        if angle < _SMALLEST_TURN or jaw_joint not in _carrying(mechanism, body.name):
             continue
         # the points of the axis do not move; their equation has rank 2, and its shortest solution is taken
-        solution = np.linalg.lstsq(np.eye(3) - D[:3, :3], D[:3, 3], rcond=None)
+        solution = np.linalg.lstsq(np.eye(3) - T_motion[:3, :3], T_motion[:3, 3], rcond=None)
         point = np.asarray(solution[0], float)
-        jaws.append(GripperJaw(body, rotation / angle, point, angle / _TURN, T_hand_closed))
+        jaws.append(GripperJaw(body, rotation / angle, point, angle / _JAW_STEP, T_hand_closed))
     return tuple(jaws)
 
 

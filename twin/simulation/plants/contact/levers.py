@@ -9,13 +9,13 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.plants.contact.gripper import Gripper
 
-_SMALL = 1e-5
+_JOINT_STEP = 1e-5
 """Change in rad or m of a joint from which displacements of the links are computed."""
 
-_OFTEN = 4
+_RENEWAL_STEPS = 4
 """Number of steps after which the next joint is computed."""
 
-_OLD = 20
+_OUTDATED_STEPS = 20
 """Number of steps without a call after which all joints are computed."""
 
 
@@ -23,18 +23,18 @@ class ToolLevers:
     """Twists of the links of an instrument per displacement of its tool at constant orientation.
 
     The effects of all joints are computed at the first call. Later, the effect of one joint is computed again every
-    `_OFTEN` steps, because the effects change slowly and a tick must be short.
+    `_RENEWAL_STEPS` steps, because the effects change slowly and a tick must be short.
     """
 
     def __init__(self, gripper: Gripper, phase: int = 0) -> None:
         """Store the instrument; `phase`: delay in steps, different for each instrument to spread the computing time."""
         self._gripper = gripper
         self._phase = phase
-        self._last_call = -_OLD
-        self._renewed = 0  # step in which a joint was computed last
-        self._next = 0  # joint to compute next
+        self._last_call = -_OUTDATED_STEPS
+        self._last_renewal = 0  # step in which a joint was computed last
+        self._next_joint = 0  # joint to compute next
         self._twists: list[Array] = []
-        self._joints: list[int] = []
+        self._tool_joints: list[int] = []
         self._columns = np.zeros((0, 0))
 
     def twists(self, q: Array, step: int) -> list[Array]:
@@ -46,19 +46,19 @@ class ToolLevers:
             q: (n,) joint values.
             step: number of the step.
         """
-        unused = step - self._last_call
+        steps_unused = step - self._last_call
         self._last_call = step
-        if unused >= _OLD:
-            self._joints = list(range(len(q)))
+        if steps_unused >= _OUTDATED_STEPS:
+            self._tool_joints = list(range(len(q)))
             if self._gripper.jaw >= 0:
-                self._joints.remove(self._gripper.jaw)
-            self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._joints)))
-            self._renewed = step + self._phase
-            self._compute(q, range(len(self._joints)))
-        elif step - self._renewed >= _OFTEN:  # not in each step: planes are found in some steps only
-            self._renewed = step
-            self._compute(q, [self._next])
-            self._next = (self._next + 1) % len(self._joints)
+                self._tool_joints.remove(self._gripper.jaw)
+            self._columns = np.zeros((6 + 6 * len(self._gripper.links), len(self._tool_joints)))
+            self._last_renewal = step + self._phase
+            self._compute(q, range(len(self._tool_joints)))
+        elif step - self._last_renewal >= _RENEWAL_STEPS:  # not in each step: planes are found in some steps only
+            self._last_renewal = step
+            self._compute(q, [self._next_joint])
+            self._next_joint = (self._next_joint + 1) % len(self._tool_joints)
         return self._twists
 
     def _compute(self, q: Array, joints: Iterable[int]) -> None:
@@ -66,9 +66,9 @@ class ToolLevers:
         start = self._poses(q)
         for k in joints:
             shifted = q.copy()
-            shifted[self._joints[k]] += _SMALL
+            shifted[self._tool_joints[k]] += _JOINT_STEP
             twists = list(map(_twist, start, self._poses(shifted)))
-            self._columns[:, k] = np.concatenate(twists) / _SMALL
+            self._columns[:, k] = np.concatenate(twists) / _JOINT_STEP
         # Small singular values: joints that hardly move the tool do not carry the links either.
         joints_per_twist = np.linalg.pinv(self._columns[:6], rcond=1e-6)
         per_tool = self._columns[6:] @ joints_per_twist[:, :3]

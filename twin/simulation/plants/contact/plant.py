@@ -37,10 +37,10 @@ The joint values alone move the links; this inertia only keeps contact forces fr
 _JAW_INERTIA = 1e-5
 """Moment of inertia in kg m2 of a jaw with its drive, about the axis of the jaw; ASSUMED."""
 
-_PATCH = 0.5e-3
+_PATCH_RADIUS = 0.5e-3
 """Radius in m of the contact patch that resists turning about the normal; ASSUMED."""
 
-_DEEPEST = 0.1e-3
+_LARGEST_OVERLAP = 0.1e-3
 """Largest overlap in m of an object with anything at the start."""
 
 
@@ -117,18 +117,19 @@ class Contact(Block):
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._start(q or {})
-        self._owners = self._sort()
+        self._owners = self._find_owners()
         self._rubbed = self._geoms_of(solids, rubbed)
         mujoco.mj_forward(self._model, self._data)
         self._require_apart()
-        self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers at each object, by time of grasp
+        # at each object, by time of grasp
+        self._holding_grippers: list[list[int]] = [[] for _ in self._objects]
         self._last_contacts: _Contacts | None = None
         self.outputs = self._signals()
-        self._feel: ContactPlanes | None = None
+        self._contact_planes: ContactPlanes | None = None
         if feels:
             names = [item.name for item in self._objects]
-            self._feel = ContactPlanes(self._model, self._grippers, names, self._owners)
-            self.outputs |= self._feel.outputs
+            self._contact_planes = ContactPlanes(self._model, self._grippers, names, self._owners)
+            self.outputs |= self._contact_planes.outputs
 
     # -- the model ----------------------------------------------------------------------------------------
 
@@ -152,11 +153,11 @@ class Contact(Block):
         for k, gripper in enumerate(self._grippers):
             bit = 4 << k
             others = 1 | all_arms & ~bit
-            skin = _surface(friction, bit, others, self.period)
-            skin["mass"] = 0.0  # the link's body has the mass
-            self._add_links(spec, gripper, skin)
+            geom_attributes = _surface(friction, bit, others, self.period)
+            geom_attributes["mass"] = 0.0  # the link's body has the mass
+            self._add_links(spec, gripper, geom_attributes)
 
-    def _add_links(self, spec: mujoco.MjSpec, gripper: Gripper, skin: dict) -> None:
+    def _add_links(self, spec: mujoco.MjSpec, gripper: Gripper, geom_attributes: dict) -> None:
         for link in gripper.links:
             name = f"{gripper.robot}/{link.name}"
             body = spec.worldbody.add_body(
@@ -165,11 +166,11 @@ class Contact(Block):
             body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
             body.add_freejoint(name=name)
             if link.meshes:
-                add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **skin)
+                add_part(spec, body, _whole(link), np.eye(4), gripper.robot, **geom_attributes)
             if link is gripper.hand:
-                self._add_jaws(spec, body, gripper, skin)
+                self._add_jaws(spec, body, gripper, geom_attributes)
 
-    def _add_jaws(self, spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper, skin: dict) -> None:
+    def _add_jaws(self, spec: mujoco.MjSpec, hand: mujoco.MjsBody, gripper: Gripper, geom_attributes: dict) -> None:
         first_name = ""
         for jaw in gripper.jaws:
             name = f"{gripper.robot}/{jaw.body.name}"
@@ -179,7 +180,7 @@ class Contact(Block):
             hinge = mujoco.mjtJoint.mjJNT_HINGE
             body.add_joint(name=name, type=hinge, axis=jaw.axis, pos=jaw.point, armature=_JAW_INERTIA)
             for part in jaw.body.meshes:
-                add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **skin)
+                add_part(spec, body, part, jaw.T_hand_jaw, gripper.robot, **geom_attributes)
             if not first_name:
                 first_name = name
                 continue
@@ -203,17 +204,17 @@ class Contact(Block):
         self._q_names: list[str] = []
         for gripper in self._grippers:
             self._q_names.append(ROBOT_Q.of(gripper.robot))
-        self._R = np.zeros(9)
-        self._places: list[tuple[str, Array]] = []  # name of the signal, view on the object's pose in qpos
+        self._rotation_values = np.zeros(9)
+        self._object_places: list[tuple[str, Array]] = []  # name of the signal, view on the object's pose in qpos
         for item in self._objects:
             start = self._model.joint(item.name).qposadr[0]
             place = self._data.qpos[start : start + 7]
             place[:3] = item.T_world_object[:3, 3]
             place[3:] = spatial.quat_from_matrix_wxyz(item.T_world_object[:3, :3])
-            self._places.append((OBJECT_POSE.of(item.name), place))
-        self._last_places = [b""] * len(self._places)
+            self._object_places.append((OBJECT_POSE.of(item.name), place))
+        self._last_places = [b""] * len(self._object_places)
 
-    def _sort(self) -> list[GeomOwner]:
+    def _find_owners(self) -> list[GeomOwner]:
         """Return for each geom its object, or its instrument and jaw."""
         m = self._model
         nobody = GeomOwner()
@@ -245,14 +246,14 @@ class Contact(Block):
         for contact in self._data.contact:
             first, second = contact.geom
             is_object = self._owners[first].item != NONE or self._owners[second].item != NONE
-            if contact.dist < -_DEEPEST and is_object:
+            if contact.dist < -_LARGEST_OVERLAP and is_object:
                 first_name = m.body(m.geom_bodyid[first]).name
                 second_name = m.body(m.geom_bodyid[second]).name
                 if second_name == "world":
                     second_name = "a fixed part"
                 raise WorldError(
                     f"'{first_name}' and '{second_name}' overlap by {-contact.dist * 1e3:.2f} mm at the start "
-                    f"(allowed: {_DEEPEST * 1e3:g} mm): move one of them"
+                    f"(allowed: {_LARGEST_OVERLAP * 1e3:g} mm): move one of them"
                 )
 
     # -- the tick -----------------------------------------------------------------------------------------
@@ -264,21 +265,21 @@ class Contact(Block):
         mujoco.mj_step(self._model, self._data)
         self._links.settle()
         changed = self._signals()
-        if self._feel is not None and self._last_contacts is not None:
-            changed |= self._feel.planes(self._data, self._links.place, q, self._last_contacts.holders)
+        if self._contact_planes is not None and self._last_contacts is not None:
+            changed |= self._contact_planes.planes(self._data, self._links.place, q, self._last_contacts.holders)
         return changed
 
     def _signals(self) -> dict[str, ArrayLike]:
         """Return the signals that have changed."""
         changed: dict[str, ArrayLike] = {}
-        for k, (name, place) in enumerate(self._places):
+        for k, (name, place) in enumerate(self._object_places):
             content = place.tobytes()
             if content == self._last_places[k]:
                 continue
             self._last_places[k] = content
             T = np.eye(4)
-            mujoco.mju_quat2Mat(self._R, place[3:])
-            T[:3, :3] = self._R.reshape(3, 3)
+            mujoco.mju_quat2Mat(self._rotation_values, place[3:])
+            T[:3, :3] = self._rotation_values.reshape(3, 3)
             T[:3, 3] = place[:3]
             changed[name] = T.ravel()
         contacts = self._contacts()
@@ -299,7 +300,7 @@ class Contact(Block):
         """Sort the contacts of the last step."""
         contacts = _Contacts([NONE] * len(self._objects), set(), set(), set())
         if not self._data.ncon:
-            self._holding = [[] for _ in self._objects]
+            self._holding_grippers = [[] for _ in self._objects]
             return contacts
         contact = self._data.contact
         grips: dict[tuple[int, int], set[int]] = {}  # (object, instrument) -> jaws at the object
@@ -332,15 +333,15 @@ class Contact(Block):
             if len(jaws) == len(self._grippers[arm].jaws):
                 holding[item].add(arm)
         for item, arms in enumerate(holding):
-            before = self._holding[item]
+            before = self._holding_grippers[item]
             # those that still hold the object, in their order, then the new ones
             holders_by_time = []
             for arm in before:
                 if arm in arms:
                     holders_by_time.append(arm)
-            self._holding[item] = holders_by_time + sorted(arms.difference(before))
+            self._holding_grippers[item] = holders_by_time + sorted(arms.difference(before))
             if arms:
-                holders[item] = self._holding[item][-1]
+                holders[item] = self._holding_grippers[item][-1]
 
 
 class _Links:
@@ -376,24 +377,24 @@ class _Links:
         self._jaw_dofs = np.array(jaw_dofs, int)
         self._ratios = np.array(ratios)
         self._efforts = np.array(efforts)
-        self._wanted = np.zeros(len(qpos))
-        self._angles = np.zeros(len(jaw_qpos))
-        self._target = d.qpos.copy()
-        self._v = np.zeros(m.nv)
-        # views on `_wanted`: position and quaternion of each link of each instrument
-        self._rows: list[list[tuple[Array, Array]]] = []
+        self._link_poses = np.zeros(len(qpos))
+        self._jaw_angles = np.zeros(len(jaw_qpos))
+        self._target_qpos = d.qpos.copy()
+        self._velocities = np.zeros(m.nv)
+        # views on `_link_poses`: position and quaternion of each link of each instrument
+        self._pose_views: list[list[tuple[Array, Array]]] = []
         row = 0
         for gripper in grippers:
-            views = self._wanted.reshape(-1, 7)[row : row + len(gripper.links)]
+            views = self._link_poses.reshape(-1, 7)[row : row + len(gripper.links)]
             rows = []
             for view in views:
                 rows.append((view[:3], view[3:]))
-            self._rows.append(rows)
+            self._pose_views.append(rows)
             row += len(gripper.links)
-        self._last = [b""] * len(grippers)
+        self._last_q = [b""] * len(grippers)
         self._locate([q[gripper.robot] for gripper in grippers])
         self.settle()
-        d.qpos[self._jaw_qpos] = self._angles
+        d.qpos[self._jaw_qpos] = self._jaw_angles
 
     def _locate(self, q: Sequence[Array]) -> None:
         """Compute link poses and jaw angles; `q` has joint values (n,) of each instrument."""
@@ -401,13 +402,13 @@ class _Links:
         for k, gripper in enumerate(self._grippers):
             end = first + len(gripper.jaws)
             content = q[k].tobytes()
-            if content != self._last[k]:
-                self._last[k] = content
-                for (point, quaternion), pose in zip(self._rows[k], gripper.place(q[k]), strict=True):
+            if content != self._last_q[k]:
+                self._last_q[k] = content
+                for (point, quaternion), pose in zip(self._pose_views[k], gripper.place(q[k]), strict=True):
                     point[...] = pose[:3]
                     mujoco.mju_mat2Quat(quaternion, pose[3:])
                 if gripper.jaws:
-                    self._angles[first:end] = self._ratios[first:end] * q[k][gripper.jaw]
+                    self._jaw_angles[first:end] = self._ratios[first:end] * q[k][gripper.jaw]
             first = end
 
     def lead(self, q: Sequence[Array]) -> None:
@@ -415,23 +416,23 @@ class _Links:
         self._locate(q)
         d = self._d
         dt = self._period
-        self._target[:] = d.qpos
-        self._target[self._qpos] = self._wanted
-        mujoco.mj_differentiatePos(self._m, self._v, dt, d.qpos, self._target)
-        d.qvel[self._dofs] = self._v[self._dofs]
+        self._target_qpos[:] = d.qpos
+        self._target_qpos[self._qpos] = self._link_poses
+        mujoco.mj_differentiatePos(self._m, self._velocities, dt, d.qpos, self._target_qpos)
+        d.qvel[self._dofs] = self._velocities[self._dofs]
         # a jaw that touches nothing reaches its angle in this step
-        angle_error = self._angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
+        angle_error = self._jaw_angles - d.qpos[self._jaw_qpos] - d.qvel[self._jaw_dofs] * dt
         torque = np.minimum(_JAW_INERTIA / dt**2 * angle_error, self._efforts)
         d.qfrc_applied[self._jaw_dofs] = np.maximum(torque, -self._efforts)
 
     def place(self, qpos: Array) -> None:
         """Write the poses of all links and the angles of all jaws at the latest joint values into qpos."""
-        qpos[self._qpos] = self._wanted
-        qpos[self._jaw_qpos] = self._angles
+        qpos[self._qpos] = self._link_poses
+        qpos[self._jaw_qpos] = self._jaw_angles
 
     def settle(self) -> None:
         """Set the links exactly to the poses given by the joint values."""
-        self._d.qpos[self._qpos] = self._wanted
+        self._d.qpos[self._qpos] = self._link_poses
 
 
 def _require_valid(item: Movable) -> None:
@@ -461,7 +462,7 @@ def _empty(period: float, gravity: tuple[float, float, float]) -> mujoco.MjSpec:
 def _surface(friction: float, kind: int, touches: int, period: float, shape: str = "") -> dict:
     condim = 4 if shape == "ball" else 3  # other shapes touch at several points, which resist turning
     return {
-        "friction": [friction, friction * _PATCH, 0.0],
+        "friction": [friction, friction * _PATCH_RADIUS, 0.0],
         "condim": condim,
         "contype": kind,
         "conaffinity": touches,

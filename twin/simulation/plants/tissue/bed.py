@@ -18,16 +18,19 @@ from twin.core.units import MM
 GRIPS = 2
 """Number of instruments whose jaws can hold the organ at once."""
 
-_DRAG = 2.0
+_DRAG_RATE = 2.0
 """Damping by the organ's surroundings, divided by the organ's mass, in 1/s; ASSUMED. A freed organ comes to rest."""
 
-_SLIDE = 0.5 * MM
+_SLIP_STEP = 0.5 * MM
 """Distance in m by which jaws slide in a step at twice the force limit; proportional to the force above the limit."""
 
-_STIFF = [0.99, 0.999, 1e-4, 0.5, 2.0]
-"""Impedance of the constraints in MuJoCo."""
+_LARGEST_EXCESS = 2.0
+"""Largest excess of the force over its limit, as a multiple of the limit, that counts for the slip of a step."""
 
-_PULLS = 1e-4
+_IMPEDANCE = [0.99, 0.999, 1e-4, 0.5, 2.0]
+"""Impedance of the constraints (`solimp` of MuJoCo): from 0.99 to 0.999 within 1e-4 m of the constraint."""
+
+_REST_FORCE = 1e-4
 """Maximum force in N at which an organ stays at rest."""
 
 
@@ -55,7 +58,7 @@ class Grip:
         return float(np.linalg.norm(self.offset))
 
 
-def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
+def add_constraints(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
     """Add the constraints of the bed's nodes and of the jaws; `joints`: names of three joints per node."""
     solref = [2 * spec.option.timestep, 1.0]  # twice the step: the stiffest constraint that is stable
     for node in held.tolist():
@@ -66,7 +69,7 @@ def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
                 name1=joints[3 * node + axis],
                 solref=solref,
-                solimp=_STIFF,
+                solimp=_IMPEDANCE,
             )
     for k in range(GRIPS):
         for axis in range(3):
@@ -81,7 +84,7 @@ def add(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
                 name1=name,
                 active=False,
                 solref=solref,
-                solimp=_STIFF,
+                solimp=_IMPEDANCE,
             )
 
 
@@ -109,13 +112,13 @@ class Hold:
         self._m = m
         self._d = d
         self._dofs = dofs
-        self._free = free
-        self._bed = held
-        self._R = R_world_grid
-        self._mass = m.body_mass[m.dof_bodyid[dofs[::3]]]
-        m.dof_damping[dofs] = _DRAG * np.repeat(self._mass, 3)
-        self._equality: list[list[int]] = []
-        self._tendon: list[list[int]] = []
+        self._free_nodes = free
+        self._bed_nodes = held
+        self._R_world_grid = R_world_grid
+        self._node_masses = m.body_mass[m.dof_bodyid[dofs[::3]]]
+        m.dof_damping[dofs] = _DRAG_RATE * np.repeat(self._node_masses, 3)
+        self._jaw_equalities: list[list[int]] = []
+        self._jaw_tendons: list[list[int]] = []
         for k in range(GRIPS):
             equalities = []
             tendons = []
@@ -123,15 +126,15 @@ class Hold:
                 name = f"grip_{k}_{axis}"
                 equalities.append(m.equality(name).id)
                 tendons.append(m.tendon(name).id)
-            self._equality.append(equalities)
-            self._tendon.append(tendons)
+            self._jaw_equalities.append(equalities)
+            self._jaw_tendons.append(tendons)
         self.reset()
 
     def reset(self) -> None:
         """Attach all nodes of the bed, and open all jaws."""
         self.grips: dict[int, Grip] = {}
-        self.held = set(self._bed.tolist())
-        self._pull = np.zeros((len(self._free), 3))
+        self.held = set(self._bed_nodes.tolist())
+        self._pulls = np.zeros((len(self._free_nodes), 3))
         self._d.eq_active[:] = self._m.eq_active0
 
     def let_go(self, node: int) -> None:
@@ -143,23 +146,23 @@ class Hold:
     def grasp(self, k: int, weights: Array, p_world: Array, limit: float) -> None:
         """Let jaws k hold the point `weights @ nodes` at p_world (3,) in m with a force of at most `limit` in N."""
         self.grips[k] = Grip(weights, limit, p_world.copy(), np.zeros(3), np.zeros(3))
-        w = weights[self._free]
+        w = weights[self._free_nodes]
         for axis in range(3):
-            tendon = self._tendon[k][axis]
+            tendon = self._jaw_tendons[k][axis]
             start = self._m.tendon_adr[tendon]
             self._m.wrap_prm[start : start + len(w)] = w
             # MuJoCo scales the constraint by the inverse mass that it computed for the weights at compilation
-            self._m.tendon_invweight0[tendon] = float((w * w / self._mass).sum())
-            self._d.eq_active[self._equality[k][axis]] = 1
+            self._m.tendon_invweight0[tendon] = float((w * w / self._node_masses).sum())
+            self._d.eq_active[self._jaw_equalities[k][axis]] = 1
 
     def release(self, k: int) -> None:
         """Open jaws k."""
         if self.grips.pop(k, None) is not None:
-            self._d.eq_active[self._equality[k]] = 0
+            self._d.eq_active[self._jaw_equalities[k]] = 0
 
     def pull(self, weights: Array, force_world: Array) -> None:
         """Apply a force (3,) in N in the World to the point weights @ nodes in the next step."""
-        self._pull += np.outer(weights[self._free], force_world)
+        self._pulls += np.outer(weights[self._free_nodes], force_world)
 
     def begin(self, rest: Array) -> bool:
         """Set the constraints of the jaws and the forces of `pull` before a step; return whether the organ may move.
@@ -169,11 +172,11 @@ class Hold:
         """
         for k, grip in self.grips.items():
             displacement = grip.p + grip.offset - grip.weights @ rest
-            self._m.eq_data[self._equality[k], 0] = displacement @ self._R
-        pulled = float(np.abs(self._pull).sum()) > _PULLS
-        self._d.qfrc_applied[self._dofs] = (self._pull @ self._R).ravel()
-        self._pull[:] = 0.0
-        return bool(self.grips) or pulled or len(self.held) < len(self._bed)
+            self._m.eq_data[self._jaw_equalities[k], 0] = displacement @ self._R_world_grid
+        pulled = float(np.abs(self._pulls).sum()) > _REST_FORCE
+        self._d.qfrc_applied[self._dofs] = (self._pulls @ self._R_world_grid).ravel()
+        self._pulls[:] = 0.0
+        return bool(self.grips) or pulled or len(self.held) < len(self._bed_nodes)
 
     def end(self) -> None:
         """Read the forces of the jaws after a step; let the jaws slide if their friction limit is exceeded."""
@@ -181,10 +184,10 @@ class Hold:
         rows = np.flatnonzero(d.efc_type[: d.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         by_equality = dict(zip(d.efc_id[rows].tolist(), d.efc_force[rows].tolist(), strict=True))
         for k, grip in self.grips.items():
-            along_grid = np.array([by_equality.get(equality, 0.0) for equality in self._equality[k]])
-            grip.force = self._R @ along_grid
+            along_grid = np.array([by_equality.get(equality, 0.0) for equality in self._jaw_equalities[k]])
+            grip.force = self._R_world_grid @ along_grid
             magnitude = float(np.linalg.norm(grip.force))
             if magnitude > grip.limit:
                 # with a largest value, so that a sudden pull does not throw the point out of the jaws in one step
-                excess = min(magnitude / grip.limit - 1.0, 2.0)
-                grip.offset = grip.offset - grip.force / magnitude * excess * _SLIDE
+                excess = min(magnitude / grip.limit - 1.0, _LARGEST_EXCESS)
+                grip.offset = grip.offset - grip.force / magnitude * excess * _SLIP_STEP

@@ -65,16 +65,23 @@ class Grasped(IntEnum):
     ORGAN = 0
 
 
-_CLIP = (0.75 * MM, 0.75 * MM)
+_CLIP_HALF_SIZE = (0.75 * MM, 0.75 * MM)
 """Half the width and half the height of a clip in m, across its length; ASSUMED."""
 
-_APART = 1.0 * MM
+_CLIP_DISTANCE = 1.0 * MM
 """Minimum distance in m along a vessel from a cut to a clip, because blades do not cut a clip."""
 
-_TORN = 10 * MM
+_WHOLE_WIDTH = 1.0 - 1e-9
+"""Fraction of a vessel's width that counts as all of it: fractions are rounded."""
+
+_LARGEST_SLIP = 10 * MM
 """Distance in m by which a held point slips before the jaws lose it; ASSUMED."""
 
-_LOOK = 12
+_FIRST_CLIP = 30
+_CLIP_SPACING = 11
+"""Distances in mm, as drawn: from the tip of the applier to the first clip in it, and from clip to clip."""
+
+_STEPS_PER_LOOK = 12
 """Number of steps between two updates of `<vessel>.seen`."""
 
 
@@ -140,7 +147,7 @@ def clips_of(tools: Mapping[str, ToolTable]) -> list[Movable]:
         half_length = (tool.jaw_mm / 2) * MM
         for _ in range(tool.clips or 0):
             name = f"clip_{len(clips) + 1}"
-            size = (*_CLIP, half_length)
+            size = (*_CLIP_HALF_SIZE, half_length)
             clips.append(Movable(name, "box", size, 1e-4, 0.2, color_rgba=(0.75, 0.75, 0.8, 1.0)))
     return clips
 
@@ -203,15 +210,15 @@ class Operating(Tissues):
         self._energy = np.zeros(len(self._organ.pinned_nodes))
         self._freed = np.zeros(len(self._organ.pinned_nodes))
         self._tubes: list[Tube] = []
-        self._roots: list[Array | None] = []
+        self._root_weights: list[Array | None] = []
         for vessel in vessels:
             self._tubes.append(Tube(vessel, period))
-            self._roots.append(self._root(vessel))
+            self._root_weights.append(self._root(vessel))
         self._states: dict[str, _State] = {}
         for instrument in instruments:
             self._states[instrument.robot] = _State(instrument.tool, instrument.T_world_tip())
         self._clips = [_Clip() for _ in clips_of(tools)]
-        self._depths = dict.fromkeys(procedure.spare, 0.0)
+        self._tip_depths = dict.fromkeys(procedure.spare, 0.0)
         self._seen = 0.0
         self.period = period
         self._tip_before: dict[int, Array] = {}  # of the instruments that hold something
@@ -221,21 +228,21 @@ class Operating(Tissues):
         """Move instruments and organs, and compute the effects of the tools."""
         for number, instrument in enumerate(self._instruments):
             self._use(number, instrument, signals)
-        for tube, root in zip(self._tubes, self._roots, strict=True):
-            if root is not None:
-                self._hold.pull(root, tube.reaction)
+        for tube, root_weights in zip(self._tubes, self._root_weights, strict=True):
+            if root_weights is not None:
+                self._hold.pull(root_weights, tube.reaction)
         super().step(signals, t, dt)
         nodes = self.organs.nodes[self._organ.name]
-        for tube, root in zip(self._tubes, self._roots, strict=True):
+        for tube, root_weights in zip(self._tubes, self._root_weights, strict=True):
             first = tube.points[0]
-            if root is not None:
-                first = root @ nodes
+            if root_weights is not None:
+                first = root_weights @ nodes
             tube.step(first)
-        self._depths = dict.fromkeys(self._depths, 0.0)
+        self._tip_depths = dict.fromkeys(self._tip_depths, 0.0)
         for number, instrument in enumerate(self._instruments):
             self._release_torn(number, instrument)
             self._measure_depth(self._states[instrument.robot])
-        if self._steps % _LOOK == 0:
+        if self._steps % _STEPS_PER_LOOK == 0:
             self._look()
         self._steps += 1
         return self._signals()
@@ -305,7 +312,7 @@ class Operating(Tissues):
         tip = state.T[:3, 3]
         if tool.kind == "cautery" and signals.now[ROBOT_PEDAL.of(robot)][0] > 0.5:
             self._burn(tip, tool)
-        held_point = self._held(k, state)
+        held_point = self._held_point(k, state)
         if held_point is not None:
             # the held point moves as the tip does, and keeps its distance from the tip
             held_point.p = held_point.p + tip - self._tip_before[k]
@@ -318,8 +325,8 @@ class Operating(Tissues):
         if requested_tool == state.tool or state.holds >= 0:
             return
         distance = np.linalg.norm(state.T[:3, 3] - instrument.port)
-        drawn_back = distance <= self._procedure.change_mm * MM
-        if drawn_back and instrument.robot in self._tools[requested_tool].robots:
+        is_drawn_back = distance <= self._procedure.change_mm * MM
+        if is_drawn_back and instrument.robot in self._tools[requested_tool].robots:
             state.tool = requested_tool
 
     def _grasp(self, k: int, state: _State, tool: ToolTable) -> None:
@@ -329,15 +336,15 @@ class Operating(Tissues):
         reach = tool.open_mm / 2 * MM
         nodes = self.organs.nodes[self._organ.name]
         p, weights = self._surface_point(tip, nodes)
-        least = float(np.linalg.norm(p - tip))
-        state.holds = Grasped.ORGAN if least <= reach else Grasped.NOTHING
+        least_distance = float(np.linalg.norm(p - tip))
+        state.holds = Grasped.ORGAN if least_distance <= reach else Grasped.NOTHING
         vessel_node = 0
         for v, tube in enumerate(self._tubes):
             distances = np.linalg.norm(tube.points - tip, axis=1)
             node = int(np.argmin(distances))
             is_end = node in (0, len(distances) - 1)  # the ends are attached, and cannot be held
-            if not is_end and distances[node] < min(least, reach):
-                least = float(distances[node])
+            if not is_end and distances[node] < min(least_distance, reach):
+                least_distance = float(distances[node])
                 state.holds = v + 1
                 vessel_node = node
         if state.holds == Grasped.ORGAN:
@@ -350,7 +357,7 @@ class Operating(Tissues):
             state.rest = tube.vessel.points[vessel_node]
         self._tip_before[k] = tip.copy()
 
-    def _held(self, k: int, state: _State) -> Grip | Held | None:
+    def _held_point(self, k: int, state: _State) -> Grip | Held | None:
         """Return what the jaws of instrument k hold: a point of the organ or a node of a vessel; None: nothing."""
         if state.holds == Grasped.NOTHING:
             return None
@@ -366,7 +373,7 @@ class Operating(Tissues):
             del self._tubes[state.holds - 1].held[k]
         state.holds = Grasped.NOTHING
 
-    def _between(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
+    def _vessel_between_jaws(self, state: _State, tool: ToolTable) -> tuple[int, float, float]:
         """Return (index of the vessel between the jaws, position along it in m, fraction of its width in the jaws).
 
         A vessel is between the jaws if the distance from the vessel's centre line to the middle line of the jaws is at
@@ -376,7 +383,7 @@ class Operating(Tissues):
         tip = state.T[:3, 3]
         z = state.T[:3, 2]
         jaw_length = tool.jaw_mm * MM
-        best = (int(ClipPlace.ON_NOTHING), 0.0, 0.0)
+        most_covered = (int(ClipPlace.ON_NOTHING), 0.0, 0.0)
         for v, tube in enumerate(self._tubes):
             distance, along_jaw, position, sine = tube.crossed(tip - jaw_length * z, tip)
             if distance > tool.open_mm / 2 * MM:
@@ -384,16 +391,16 @@ class Operating(Tissues):
             half_width = tube.vessel.radius / sine  # along the jaws; wider if the vessel crosses them at an angle
             covered = min(along_jaw + half_width, jaw_length) - max(along_jaw - half_width, 0.0)
             cover = covered / (2 * half_width)
-            if cover > best[2]:
-                best = (v, position, cover)
-        return best
+            if cover > most_covered[2]:
+                most_covered = (v, position, cover)
+        return most_covered
 
     def _clip(self, state: _State, tool: ToolTable) -> None:
         """Close the next clip."""
         clip = next((clip for clip in self._clips if clip.on == ClipPlace.UNUSED), None)
         if clip is None:
             return
-        clip.on, clip.at, clip.cover = self._between(state, tool)
+        clip.on, clip.at, clip.cover = self._vessel_between_jaws(state, tool)
         middle_of_jaws = -tool.jaw_mm / 2 * MM
         clip.T = state.T @ spatial.pose(p=[0, 0, middle_of_jaws])
         if clip.on >= 0:
@@ -405,11 +412,11 @@ class Operating(Tissues):
 
     def _cut(self, state: _State, tool: ToolTable) -> None:
         """Cut the vessel between the blades, if all of its width is between them and no clip is in the way."""
-        v, position, cover = self._between(state, tool)
-        if v == ClipPlace.ON_NOTHING or cover < 1.0 - 1e-9:
+        v, position, cover = self._vessel_between_jaws(state, tool)
+        if v == ClipPlace.ON_NOTHING or cover < _WHOLE_WIDTH:
             return
         for clip in self._clips:
-            if clip.on == v and abs(clip.at - position) < _APART:
+            if clip.on == v and abs(clip.at - position) < _CLIP_DISTANCE:
                 return
         self._tubes[v].sever(position)
 
@@ -428,8 +435,8 @@ class Operating(Tissues):
     def _release_torn(self, k: int, instrument: OperatingRobot) -> None:
         """Release a point that has slipped out of the jaws."""
         state = self._states[instrument.robot]
-        held_point = self._held(k, state)
-        if held_point is not None and held_point.slipped > _TORN:
+        held_point = self._held_point(k, state)
+        if held_point is not None and held_point.slipped > _LARGEST_SLIP:
             self._open(k, instrument, state)
 
     def _measure_depth(self, state: _State) -> None:
@@ -440,7 +447,7 @@ class Operating(Tissues):
             if inside(tip[None], surface.vertices, surface.triangles)[0]:
                 p, _, _ = nearest(tip, surface.vertices, surface.triangles)
                 depth = float(np.linalg.norm(p - tip))
-                self._depths[tissue.name] = max(self._depths[tissue.name], depth)
+                self._tip_depths[tissue.name] = max(self._tip_depths[tissue.name], depth)
 
     # -- signals ---------------------------------------------------------------------------------------------
 
@@ -451,7 +458,7 @@ class Operating(Tissues):
         organ = self._organ.name
         values[ORGAN_ENERGY.of(organ)] = self._energy.copy()
         values[ORGAN_FREED.of(organ)] = self._freed.copy()
-        for name, depth in self._depths.items():
+        for name, depth in self._tip_depths.items():
             values[ORGAN_DEPTH.of(name)] = depth
         for tube in self._tubes:
             values[VESSEL_NODES.of(tube.vessel.name)] = tube.nodes().ravel()
@@ -466,7 +473,7 @@ class Operating(Tissues):
         pull = np.zeros(3)
         lifted = np.zeros(3)
         slipped = 0.0
-        held_point = self._held(k, state)
+        held_point = self._held_point(k, state)
         if held_point is not None:
             pull = held_point.force
             slipped = held_point.slipped
@@ -492,7 +499,8 @@ class Operating(Tissues):
             values[f"clip_{k}.cover"] = clip.cover
             T = clip.T
             if T is None:  # in the tube of the applier, one behind the other
-                T = T_applier @ spatial.pose(p=[0, 0, -(30 + 11 * in_applier) * MM])
+                behind_tip = _FIRST_CLIP + in_applier * _CLIP_SPACING
+                T = T_applier @ spatial.pose(p=[0, 0, -behind_tip * MM])
                 in_applier += 1
             elif clip.on >= 0:
                 T[:3, 3] = self._tubes[clip.on].at(clip.at)

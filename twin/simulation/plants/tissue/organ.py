@@ -17,16 +17,16 @@ from twin.model.tissue import Tissue
 from twin.simulation.plants.tissue import bed
 from twin.simulation.plants.tissue.volume import Volume
 
-CELLS = 4
+MOST_CELLS = 4
 """Largest number of cells along an axis of a grid; the time of a step grows with the square of the number of cells."""
 
-RADIUS = 0.5 * MM
+SURFACE_RADIUS = 0.5 * MM
 """Radius in m by which a surface is thickened for contact."""
 
-SAMPLE = 5 * MM
+SAMPLE_DISTANCE = 5 * MM
 """Distance in m between the sample points of a link; tests whether a link is near or in an organ use these points."""
 
-MOST = 15
+MOST_ORGANS = 15
 """Largest number of organs. In MuJoCo's contact filter, bit k permits contact of links with organ k, and bit 15 + k
 permits contact of organ k with those organs of a larger number that have this bit, too."""
 
@@ -44,7 +44,7 @@ class Touch:
     force: Array
 
 
-NOTHING = Touch(-1, np.zeros(3))
+NO_TOUCH = Touch(-1, np.zeros(3))
 
 
 class Organ:
@@ -64,21 +64,22 @@ class Organ:
         self._index = index
         self._operable = operable
         self.bit = 1 << index
-        self.other_bit = 1 << MOST + index
+        self.other_bit = 1 << MOST_ORGANS + index
         # the bed of an operable organ is a constraint for each node, so that it can be freed node by node
         self.fixed = np.zeros(0, int) if operable else tissue.pinned_nodes
         self._triangles = tissue.surface.triangles
         self._origin = tissue.nodes[0]
-        self._R = tissue.T_world_grid[:3, :3]
+        self._R_world_grid = tissue.T_world_grid[:3, :3]
         self._volume = Volume(tissue.weights, self._triangles)
-        self._content, self._by_node = self._volume.at(tissue.nodes - self._origin)
-        self._area = self._content ** (2 / 3)
-        self._tree = KDTree(tissue.surface.vertices)
+        self._rest_volume, self._rest_derivatives = self._volume.at(tissue.nodes - self._origin)
+        self._volume_scale = self._rest_volume ** (2 / 3)  # m2; divided by it, the constraint of the volume is in m
+        self._surface_tree = KDTree(tissue.surface.vertices)
         corners = tissue.surface.vertices[self._triangles]
         edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
-        self._reach = 2 * SAMPLE + edge / np.sqrt(3)  # no point of a triangle is further from all of its corners
+        # no point of a triangle is further from all of its corners than the second term
+        self._contact_distance = 2 * SAMPLE_DISTANCE + edge / np.sqrt(3)
         self.nodes = tissue.nodes
-        self.touch = NOTHING
+        self.touch = NO_TOUCH
         self.hold: bed.Hold | None = None
         self.within: set[int] = set()
         self._muted: set[int] = set()
@@ -90,7 +91,7 @@ class Organ:
         t = self.tissue
         affinity = self.bit
         for k in range(self._index):
-            affinity |= 1 << MOST + k  # the organs of smaller numbers
+            affinity |= 1 << MOST_ORGANS + k  # the organs of smaller numbers
         T = t.T_world_grid
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T[:3, :3]).ravel())
@@ -101,7 +102,7 @@ class Organ:
         return (
             f'<body name="{t.name}:grid" pos="{_numbers(T[:3, 3])}" quat="{_numbers(quaternion)}">'
             f'<flexcomp name="{t.name}" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
-            f'mass="{mass!r}" radius="{RADIUS!r}" '
+            f'mass="{mass!r}" radius="{SURFACE_RADIUS!r}" '
             f'point="{_numbers(t.local)}" element="{_numbers(self._triangles)}">'
             f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
             f'<contact selfcollide="none" contype="{self.other_bit}" conaffinity="{affinity}" condim="3" '
@@ -121,7 +122,8 @@ class Organ:
             body = spec.body(f"{t.name}_" + "_".join(map(str, place)))  # the name that MuJoCo gave
             if body is None:
                 continue  # the cells around this node are empty, and no vertex depends on it
-            factors = (self._by_node[index] @ self._R / self._area).tolist()  # MuJoCo scales the constraint by these
+            # MuJoCo scales the constraint by these
+            factors = (self._rest_derivatives[index] @ self._R_world_grid / self._volume_scale).tolist()
             for axis, joint, factor in zip("xyz", body.joints, factors, strict=True):
                 joint.name = f"{body.name}_{axis}"
                 self._joints.append(joint.name)
@@ -135,7 +137,7 @@ class Organ:
             solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
         )
         if self._operable:
-            bed.add(spec, t.pinned_nodes, self._joints)
+            bed.add_constraints(spec, t.pinned_nodes, self._joints)
 
     def connect(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
         """Find the organ in the compiled model."""
@@ -143,18 +145,18 @@ class Organ:
         self._d = d
         first = m.flex_nodeadr[self._index]
         nodes = m.flex_nodebodyid[first : first + m.flex_nodenum[self._index]]
-        self._free = np.flatnonzero(m.body_dofnum[nodes])
+        self._free_nodes = np.flatnonzero(m.body_dofnum[nodes])
         self.qpos = np.zeros(len(self._joints), int)
         self.dofs = np.zeros(len(self._joints), int)
         for i, name in enumerate(self._joints):
             joint = m.joint(name)
             self.qpos[i] = joint.qposadr[0]
             self.dofs[i] = joint.dofadr[0]
-        self._equality = m.equality(f"{self.tissue.name}_volume").id
+        self._volume_equality = m.equality(f"{self.tissue.name}_volume").id
         start = m.tendon_adr[m.tendon(f"{self.tissue.name}_volume").id]
-        self._wraps = slice(start, start + len(self._joints))
+        self._volume_wraps = slice(start, start + len(self._joints))
         if self._operable:
-            self.hold = bed.Hold(m, d, self.tissue.pinned_nodes, self.dofs, self._free, self._R)
+            self.hold = bed.Hold(m, d, self.tissue.pinned_nodes, self.dofs, self._free_nodes, self._R_world_grid)
 
     # -- a step ---------------------------------------------------------------------------------------------
 
@@ -164,23 +166,23 @@ class Organ:
         The coefficients of the constraint are the derivatives of the volume with respect to the joints.
         """
         content, by_node = self._volume.at(self.nodes - self._origin)
-        coefficients = (by_node[self._free] @ self._R).ravel() / self._area
-        change = (content - self._content) / self._area
-        self._m.wrap_prm[self._wraps] = coefficients
-        self._m.eq_data[self._equality, 0] = coefficients @ self._d.qpos[self.qpos] - change
+        coefficients = (by_node[self._free_nodes] @ self._R_world_grid).ravel() / self._volume_scale
+        change = (content - self._rest_volume) / self._volume_scale
+        self._m.wrap_prm[self._volume_wraps] = coefficients
+        self._m.eq_data[self._volume_equality, 0] = coefficients @ self._d.qpos[self.qpos] - change
 
     def end(self) -> None:
         """Correct the volume error left by the linear constraint, by one step of Newton's method."""
         self.read()
         content, by_node = self._volume.at(self.nodes - self._origin)
-        change = (by_node[self._free] @ self._R).ravel()
-        self._d.qpos[self.qpos] -= change * ((content - self._content) / (change @ change))
+        change = (by_node[self._free_nodes] @ self._R_world_grid).ravel()
+        self._d.qpos[self.qpos] -= change * ((content - self._rest_volume) / (change @ change))
         self.read()
 
     def read(self) -> None:
         """Compute the nodes from the joint values."""
         self.nodes = self.tissue.nodes.copy()
-        self.nodes[self._free] += self._d.qpos[self.qpos].reshape(-1, 3) @ self._R.T
+        self.nodes[self._free_nodes] += self._d.qpos[self.qpos].reshape(-1, 3) @ self._R_world_grid.T
 
     @property
     def compression(self) -> float:
@@ -194,16 +196,19 @@ class Organ:
 
     # -- links ----------------------------------------------------------------------------------------------
 
-    def _near(self, points: Array, corners: Array, T: Array) -> Array:
-        """Return those points of a link that are within 2 `SAMPLE` of the box around the organ: (k, 3) in the World.
+    def _nearby_points(self, points: Array, corners: Array, T: Array) -> Array:
+        """Return those points (k, 3) of a link that are within 2 `SAMPLE_DISTANCE` of the box around the organ.
 
         Args:
             points: (n, 3) points of the link in its frame in m.
             corners: (8, 3) corners of the box around the points.
             T: (4, 4) T_world_link.
+
+        Returns:
+            The points in m in the World.
         """
-        low = self.nodes.min(axis=0) - 2 * SAMPLE
-        high = self.nodes.max(axis=0) + 2 * SAMPLE
+        low = self.nodes.min(axis=0) - 2 * SAMPLE_DISTANCE
+        high = self.nodes.max(axis=0) + 2 * SAMPLE_DISTANCE
         R = T[:3, :3]
         p = T[:3, 3]
         box = corners @ R.T + p
@@ -216,15 +221,15 @@ class Organ:
 
     def approached(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a link is so near that it may touch the organ; valid only for an organ at rest."""
-        nearby = self._near(points, corners, T)
+        nearby = self._nearby_points(points, corners, T)
         if not len(nearby):
             return False
-        distances, _ = self._tree.query(nearby)
-        return float(distances.min()) < self._reach
+        distances, _ = self._surface_tree.query(nearby)
+        return float(distances.min()) < self._contact_distance
 
     def contains(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a point of a link is inside the organ."""
-        nearby = self._near(points, corners, T)
+        nearby = self._nearby_points(points, corners, T)
         if not len(nearby):
             return False
         vertices = self.tissue.weights @ self.nodes
@@ -258,8 +263,8 @@ def require_valid(t: Tissue) -> None:
         ("damping", t.damping, 0.0, 1.0, "s"),
         ("density", t.density, 100.0, 5000.0, "kg/m3"),
         ("friction", t.friction, 0.0, 2.0, ""),
-        ("number of cells", min(t.cells), 1, CELLS, "along an axis"),
-        ("number of cells", max(t.cells), 1, CELLS, "along an axis"),
+        ("number of cells", min(t.cells), 1, MOST_CELLS, "along an axis"),
+        ("number of cells", max(t.cells), 1, MOST_CELLS, "along an axis"),
     )
     for quantity, value, low, high, unit in ranges:
         if not low <= value <= high:

@@ -17,26 +17,34 @@ from twin.model.hull import require_hull
 from twin.model.surface import inside
 from twin.model.tissue import Tissue
 from twin.simulation.plants.contact.collision_shapes import add_part
-from twin.simulation.plants.tissue.organ import MOST, NOTHING, RADIUS, SAMPLE, Organ, Touch, require_valid
+from twin.simulation.plants.tissue.organ import (
+    MOST_ORGANS,
+    NO_TOUCH,
+    SAMPLE_DISTANCE,
+    SURFACE_RADIUS,
+    Organ,
+    Touch,
+    require_valid,
+)
 
 PERIOD = 8e-3
 """Time in s between two steps."""
 
-SLOWEST = 20e-3
+LONGEST_PERIOD = 20e-3
 """Longest time in s between two steps for which the organs were tested."""
 
 _LINK_MASS = 10.0
 _LINK_INERTIA = 0.1
 """Mass in kg and moment of inertia in kg m2 of a link, so large that contact forces do not move links within a step."""
 
-_JUMP = 20 * MM
+_LARGEST_LINK_STEP = 20 * MM
 """Largest distance in m that a link moves in contact within a step; a link that moves farther is set to its new
 pose."""
 
-_LOOK = 12
+_STEPS_PER_TEST = 12
 """Number of steps between two tests whether a link is inside an organ."""
 
-_STILL = 5e-6
+_REST_DISTANCE = 5e-6
 """Organs are at rest if no node is farther than this distance in m from its rest position, and no node moves farther
 than this distance in a step. The distance is less than a step of the quantised vertices in the stream."""
 
@@ -44,19 +52,19 @@ _ITERATIONS = 400
 """Maximum number of iterations of MuJoCo's solvers. With MuJoCo's default of 100, the solver of the stiffness ended at
 a relative residual of 1.02e-8 instead of 1e-8 for a gallbladder half out of its bed."""
 
-_CROSSED = 3 * RADIUS
-"""Depth in m of a contact above which the surfaces of two organs cross: each surface is thickened by `RADIUS`, and
-contact keeps the surfaces apart within 0.2 mm. If surfaces cross, contact forces would lock the organs together."""
+_CROSSING_DEPTH = 3 * SURFACE_RADIUS
+"""Depth in m of a contact above which the surfaces of two organs cross: each surface is thickened by `SURFACE_RADIUS`,
+and contact keeps the surfaces apart within 0.2 mm. If surfaces cross, contact forces would lock the organs together."""
 
-_PIERCED = 0.3
+_LEAST_COMPRESSION = 0.3
 """Limit of `Organ.compression` below which a link that touches the organ counts as inside the organ; ASSUMED.
 MuJoCo's elasticity cannot prevent such a compression: a finite force inverts a cell."""
 
-_BEFORE = 0.3
+_LEAST_FRONT_PRODUCT = 0.3
 """Smallest mean scalar product of contact normals and surface normals at which a link is in front of a surface. The
 mean is 0.5 to 1 if a link presses, and less than 0.1 if the surface has jumped over the link."""
 
-_PREFIX = "link:"
+_LINK_PREFIX = "link:"
 """Prefix of the names of links in MuJoCo."""
 
 
@@ -115,8 +123,8 @@ class Organs:
         self.period = period
         for tissue in tissues:
             require_valid(tissue)
-        if len(tissues) > MOST:
-            raise WorldError(f"there are {len(tissues)} organs; at most {MOST} are simulated")
+        if len(tissues) > MOST_ORGANS:
+            raise WorldError(f"there are {len(tissues)} organs; at most {MOST_ORGANS} are simulated")
         self.crossed: set[tuple[int, int]] = set()
         self._organs: dict[str, Organ] = {}
         for k, tissue in enumerate(tissues):
@@ -125,7 +133,7 @@ class Organs:
         self._samples: list[Array] = []
         self._corners: list[Array] = []
         for tool in tools:
-            points = _samples(tool)
+            points = _sample_points(tool)
             self._samples.append(points)
             self._corners.append(_corners(points))
         self._model = self._compiled()
@@ -137,12 +145,12 @@ class Organs:
         for organ in self._organs.values():
             qpos.append(organ.qpos)
             dofs.append(organ.dofs)
-        self._soft = np.concatenate(qpos)
-        self._soft_dofs = np.concatenate(dofs)
+        self._organ_qpos = np.concatenate(qpos)
+        self._organ_dofs = np.concatenate(dofs)
         self._find_links()
-        self._wanted = np.zeros(len(self._qpos))
-        self._v = np.zeros(self._model.nv)
-        self._target = self._data.qpos.copy()
+        self._link_qpos = np.zeros(len(self._link_qpos_indices))
+        self._velocities = np.zeros(self._model.nv)
+        self._target_qpos = self._data.qpos.copy()
         self._steps = 0
         self._poses = [np.array(T, float) for T in poses]
         self._place(poses)
@@ -158,14 +166,14 @@ class Organs:
         self._geoms: list[Index] = []
         self._link_of = np.zeros(m.ngeom, int)
         for k, tool in enumerate(self.tools):
-            joint = m.joint(_PREFIX + tool.name)
+            joint = m.joint(_LINK_PREFIX + tool.name)
             qpos.extend(range(joint.qposadr[0], joint.qposadr[0] + 7))
             dofs.extend(range(joint.dofadr[0], joint.dofadr[0] + 6))
-            geoms = np.flatnonzero(m.geom_bodyid == m.body(_PREFIX + tool.name).id)
+            geoms = np.flatnonzero(m.geom_bodyid == m.body(_LINK_PREFIX + tool.name).id)
             self._geoms.append(geoms)
             self._link_of[geoms] = k
-        self._qpos = np.array(qpos, int)
-        self._dofs = np.array(dofs, int)
+        self._link_qpos_indices = np.array(qpos, int)
+        self._link_dof_indices = np.array(dofs, int)
 
     def _require_links_outside(self) -> None:
         """Raise `WorldError` if a link is inside an organ."""
@@ -190,8 +198,8 @@ class Organs:
         )
         links = mujoco.MjSpec()
         for tool in self.tools:
-            _add(links, tool, self.period, bits)
-        spec.attach(links, frame=spec.worldbody.add_frame(), prefix=_PREFIX)
+            _add_link(links, tool, self.period, bits)
+        spec.attach(links, frame=spec.worldbody.add_frame(), prefix=_LINK_PREFIX)
         for organ in self._organs.values():
             organ.constrain(spec)
         return spec.compile()
@@ -205,8 +213,9 @@ class Organs:
             if first >= 0 and second >= 0:  # MuJoCo's index of a soft body; -1: a link
                 first_name = self.tissues[first].name
                 second_name = self.tissues[second].name
+                least_mm = 2 * SURFACE_RADIUS / MM
                 raise WorldError(
-                    f"'{first_name}' and '{second_name}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the "
+                    f"'{first_name}' and '{second_name}' overlap or are less than {least_mm:g} mm apart at the "
                     "start; draw them further apart"
                 )
         for a, b in permutations(self.tissues, 2):
@@ -242,15 +251,15 @@ class Organs:
     def reset(self) -> None:
         """Reset all organs to their drawn shape, at rest."""
         mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[self._qpos] = self._wanted
+        self._data.qpos[self._link_qpos_indices] = self._link_qpos
         for organ in self._organs.values():
             if organ.hold is not None:
                 organ.hold.reset()
-            organ.touch = NOTHING
+            organ.touch = NO_TOUCH
             organ.read()
         for pair in tuple(self.crossed):
             self._let_meet(pair, True)
-        self._rests = True
+        self._is_at_rest = True
 
     def step(self, poses: Sequence[Array]) -> bool:
         """Set the links to `poses` T_world_link (4, 4), step the organs, and return whether an organ moved."""
@@ -260,19 +269,19 @@ class Organs:
         jumped = self._place(poses)
         links_moved = not all(map(np.array_equal, before, poses))
         for k in jumped:
-            d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
+            d.qpos[self._link_qpos_indices[7 * k : 7 * k + 7]] = self._link_qpos[7 * k : 7 * k + 7]
         self._test_inside(jumped)
-        self._part()
+        self._reconnect()
         self._steps += 1
-        led = self._begin_holds()
-        if self._rests and not led and not (links_moved and self._approached()):
-            d.qpos[self._qpos] = self._wanted
+        is_held = self._begin_holds()
+        if self._is_at_rest and not is_held and not (links_moved and self._is_approached()):
+            d.qpos[self._link_qpos_indices] = self._link_qpos
             return False
         # The velocities of the links bring them to their poses at the end of the step.
-        self._target[:] = d.qpos
-        self._target[self._qpos] = self._wanted
-        mujoco.mj_differentiatePos(self._model, self._v, self.period, d.qpos, self._target)
-        d.qvel[self._dofs] = self._v[self._dofs]
+        self._target_qpos[:] = d.qpos
+        self._target_qpos[self._link_qpos_indices] = self._link_qpos
+        mujoco.mj_differentiatePos(self._model, self._velocities, self.period, d.qpos, self._target_qpos)
+        d.qvel[self._link_dof_indices] = self._velocities[self._link_dof_indices]
         nodes_before = [organ.nodes for organ in organs]
         for organ in organs:
             organ.begin()
@@ -283,9 +292,9 @@ class Organs:
             if organ.hold is not None:
                 organ.hold.end()
         self._read_contacts()
-        d.qpos[self._qpos] = self._wanted
-        self._rests = d.ncon == 0 and not led and self._still()
-        if self._rests:
+        d.qpos[self._link_qpos_indices] = self._link_qpos
+        self._is_at_rest = d.ncon == 0 and not is_held and self._is_still()
+        if self._is_at_rest:
             self.reset()
         else:
             for organ in organs:
@@ -310,18 +319,18 @@ class Organs:
                 "ms; move the instruments more slowly, or give the organs a smaller Young's modulus"
             )
 
-    def _still(self) -> bool:
-        if not len(self._soft):
+    def _is_still(self) -> bool:
+        if not len(self._organ_qpos):
             return True
-        displacement = np.abs(self._data.qpos[self._soft]).max()
-        speed = np.abs(self._data.qvel[self._soft_dofs]).max()
-        return bool(max(displacement, speed * self.period) < _STILL)
+        displacement = np.abs(self._data.qpos[self._organ_qpos]).max()
+        speed = np.abs(self._data.qvel[self._organ_dofs]).max()
+        return bool(max(displacement, speed * self.period) < _REST_DISTANCE)
 
     def _read_contacts(self) -> None:
         """Read the contacts of the last step."""
         d = self._data
         for organ in self._organs.values():
-            organ.touch = NOTHING
+            organ.touch = NO_TOUCH
         if not d.ncon:
             return
         contact = d.contact
@@ -331,16 +340,16 @@ class Organs:
         F = np.einsum("ki,kij->kj", local[:, :3], contact.frame.reshape(-1, 3, 3))
         flex = contact.flex
         of_two_organs = (flex >= 0).all(axis=1)
-        self._separate(flex[of_two_organs & (contact.dist < -_CROSSED)])
+        self._let_cross(flex[of_two_organs & (contact.dist < -_CROSSING_DEPTH)])
         for index, organ in enumerate(self._organs.values()):
             at_organ = flex == index
             rows = np.flatnonzero(at_organ.any(axis=1))
             if not len(rows):
                 continue
-            pressed = organ.compression < _PIERCED
-            self._test_pierced(index, organ, pressed)
-            if pressed:
-                self._separate(flex[rows])
+            is_compressed = organ.compression < _LEAST_COMPRESSION
+            self._test_pierced(index, organ, is_compressed)
+            if is_compressed:
+                self._let_cross(flex[rows])
             deepest = rows[np.argmin(contact.dist[rows])]
             side = int(np.argmax(at_organ[deepest]))
             # MuJoCo gives the force on the second body of a contact
@@ -369,15 +378,15 @@ class Organs:
             self.crossed.add(pair)
             self._model.flex_conaffinity[second] &= ~bit
 
-    def _separate(self, flex: Index) -> None:
+    def _let_cross(self, flex: Index) -> None:
         """Let the organs of contacts (k, 2) pass through each other; rows with a link (-1) are ignored."""
         for first, second in np.sort(flex, axis=1).tolist():
             if first >= 0:
                 self._let_meet((first, second), False)
 
-    def _part(self) -> None:
+    def _reconnect(self) -> None:
         """Let organs that have crossed touch each other again if they are apart."""
-        if not self.crossed or self._steps % _LOOK:
+        if not self.crossed or self._steps % _STEPS_PER_TEST:
             return
         pairs = tuple(self.crossed)
         for pair in pairs:
@@ -393,15 +402,15 @@ class Organs:
         """Store poses T_world_link (4, 4) in MuJoCo's format; return the indices of the links that jumped."""
         jumped = []
         for k, T in enumerate(poses):
-            row = self._wanted[7 * k : 7 * k + 7]
+            row = self._link_qpos[7 * k : 7 * k + 7]
             row[:3] = T[:3, 3]
             mujoco.mju_mat2Quat(row[3:], np.ascontiguousarray(T[:3, :3]).ravel())
-            if _moved(self._corners[k], self._poses[k], T) > _JUMP:
+            if _largest_motion(self._corners[k], self._poses[k], T) > _LARGEST_LINK_STEP:
                 jumped.append(k)
         self._poses = [np.array(T, float) for T in poses]
         return jumped
 
-    def _approached(self) -> bool:
+    def _is_approached(self) -> bool:
         """Return whether a link is so near that it may touch an organ; valid only for organs at rest."""
         for organ in self._organs.values():
             for k, T in enumerate(self._poses):
@@ -413,20 +422,20 @@ class Organs:
         """Switch off contact between an organ and the links that jumped into it, until these links are outside."""
         for organ in self._organs.values():
             links = set(jumped)
-            if self._steps % _LOOK == 0:
+            if self._steps % _STEPS_PER_TEST == 0:
                 links |= organ.within
             for k in links:
                 self._test_link(organ, k)
 
-    def _test_pierced(self, index: int, organ: Organ, pressed: bool) -> None:
-        """Treat touching links as inside an organ that is compressed too far (`pressed`) or has jumped over them."""
+    def _test_pierced(self, index: int, organ: Organ, is_compressed: bool) -> None:
+        """Treat touching links as inside an organ that `is_compressed` too far, or has jumped over them."""
         contact = self._data.contact
         by_links = (contact.flex[:, 1] == index) & (contact.geom[:, 0] >= 0) & (contact.elem[:, 1] >= 0)
         rows = np.flatnonzero(by_links)
         if not len(rows):
             return
         links = self._link_of[contact.geom[rows, 0]]
-        if not pressed:
+        if not is_compressed:
             corners = organ.tissue.surface.triangles[contact.elem[rows, 1]] + self._model.flex_vertadr[index]
             a = self._data.flexvert_xpos[corners[:, 0]]
             b = self._data.flexvert_xpos[corners[:, 1]]
@@ -436,9 +445,9 @@ class Organs:
             # a contact's normal points from the link to the organ: inwards, if the link is outside
             inwards = -np.einsum("ij,ij->i", contact.frame[rows, :3], outwards)
             weights = -contact.dist[rows]
-            least = _BEFORE * np.bincount(links, weights, len(self.tools))
+            limits = _LEAST_FRONT_PRODUCT * np.bincount(links, weights, len(self.tools))
             in_front = np.bincount(links, inwards * weights, len(self.tools))
-            links = links[(in_front < least)[links]]
+            links = links[(in_front < limits)[links]]
         for k in set(links.tolist()):
             organ.set_inside(k, True)
             self._let_touch(organ, k)
@@ -470,7 +479,7 @@ class Organs:
             bits[self._geoms[k]] &= ~organ.bit
 
 
-def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
+def _add_link(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
     body = spec.worldbody.add_body(
         name=tool.name, gravcomp=1.0, mass=_LINK_MASS, inertia=[_LINK_INERTIA] * 3, explicitinertial=True
     )
@@ -488,7 +497,7 @@ def _add(spec: mujoco.MjSpec, tool: Tool, period: float, bits: int) -> None:
         add_part(spec, body, part, np.eye(4), tool.name, **surface)
 
 
-def _samples(tool: Tool) -> Array:
+def _sample_points(tool: Tool) -> Array:
     """Return points (n, 3) on the convex hulls of a link's parts, in its frame in m."""
     import trimesh  # imported here, because the import takes a second
 
@@ -496,10 +505,10 @@ def _samples(tool: Tool) -> Array:
     for part in tool.body.meshes:
         require_hull(f"{tool.name}: part '{part.name}'", part.vertices)
         hull = trimesh.convex.convex_hull(part.vertices)
-        points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, SAMPLE, max_iter=20)[0]
+        points = trimesh.remesh.subdivide_to_size(hull.vertices, hull.faces, SAMPLE_DISTANCE, max_iter=20)[0]
         # rounded, so that points that nearly coincide become one
-        rounded = np.unique(np.rint(points / (SAMPLE / 2)), axis=0)
-        samples.append(rounded * (SAMPLE / 2))
+        rounded = np.unique(np.rint(points / (SAMPLE_DISTANCE / 2)), axis=0)
+        samples.append(rounded * (SAMPLE_DISTANCE / 2))
     return np.unique(np.concatenate(samples), axis=0)
 
 
@@ -512,7 +521,7 @@ def _corners(points: Array) -> Array:
     return np.array([np.where(corner, high, low) for corner in np.ndindex(2, 2, 2)])
 
 
-def _moved(points: Array, before: Array, after: Array) -> float:
+def _largest_motion(points: Array, before: Array, after: Array) -> float:
     """Return the largest distance in m between the positions of points (n, 3) of a link at two poses."""
     D = after - before
     return float(np.linalg.norm(points @ D[:3, :3].T + D[:3, 3], axis=1).max())

@@ -13,7 +13,7 @@ from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.placing import LinkPoses
 from twin.model.mechanism import Mechanism
 from twin.model.tissue import Tissue
-from twin.simulation.plants.tissue.organs import PERIOD, SLOWEST, Organs, Tool
+from twin.simulation.plants.tissue.organs import LONGEST_PERIOD, PERIOD, Organs, Tool
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ORGAN_FORCE, ORGAN_NODES, ORGAN_TOUCHED, ROBOT_Q
 
@@ -68,15 +68,15 @@ class Tissues(Block):
     def __init__(
         self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, operable_name: str = ""
     ) -> None:
-        """Build the organs; `period`: time in s between two steps, a multiple of the tick; `held`: see `Organs`.
+        """Build the organs; `period`: time in s between two steps, a multiple of the tick; for the rest, see `Organs`.
 
         Raises:
             WorldError: a number is out of range, the period is longer than 20 ms, or a link is inside an organ.
         """
         self.period = period
         self._robots = tuple(robots)
-        if not period <= SLOWEST:
-            raise WorldError(f"organs step every {period * 1e3:g} ms; at most {SLOWEST * 1e3:g} ms is allowed")
+        if not period <= LONGEST_PERIOD:
+            raise WorldError(f"organs step every {period * 1e3:g} ms; at most {LONGEST_PERIOD * 1e3:g} ms is allowed")
         tools: list[Tool] = []
         poses: list[Array] = []
         for robot in robots:

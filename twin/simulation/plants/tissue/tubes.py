@@ -15,16 +15,19 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.vessel import Vessel
 
-_DRAG = 2.0
+_DRAG_PER_LENGTH = 2.0
 """Viscous drag in N s/m per metre of vessel; ASSUMED. A free end comes to rest in about 0.1 s."""
 
-_BEND = 0.02
+_BENDING_RATIO = 0.02
 """Bending stiffness divided by stretching stiffness; ASSUMED, for a thin wall."""
 
-_SLIDE = 0.5 * MM
+_SLIP_STEP = 0.5 * MM
 """Distance in m by which jaws slide in a step at twice the force limit; proportional to the force above the limit."""
 
-_STILL = 1e-7
+_LARGEST_EXCESS = 2.0
+"""Largest excess of the force over its limit, as a multiple of the limit, that counts for the slip of a step."""
+
+_REST_STEP = 1e-7
 """A chain is at rest if no node moves further than this distance in m in a step."""
 
 
@@ -69,15 +72,19 @@ class Tube:
         self.across = np.array([0.0, 0.0, 1.0])
         self.held: dict[int, Held] = {}
         self.reaction = np.zeros(3)
-        self._creeps = True
+        self._is_moving = True
         self._drawn_state: tuple[bytes, ...] = ()
-        self._drawn = np.zeros((0, 3))  # nodes of the deformable in this state
-        self._stiff = vessel.young * np.pi * vessel.radius**2 / vessel.lengths
-        self._drag = _DRAG * float(vessel.lengths.mean()) / period
+        self._drawn_nodes = np.zeros((0, 3))  # nodes of the deformable in this state
+        self._stiffness = vessel.young * np.pi * vessel.radius**2 / vessel.lengths
+        self._drag_per_node = _DRAG_PER_LENGTH * float(vessel.lengths.mean()) / period
 
     def step(self, first: Array) -> None:
-        """Step the chain, with its first node at `first` (3,) in the World in m; a chain at rest is not computed."""
-        if not self._creeps and not self.held and np.abs(first - self.points[0]).max() < _STILL:
+        """Step the chain, with its first node at `first` (3,) in the World in m; a chain at rest is not computed.
+
+        With the forces F of the springs at the nodes x, their stiffness H = -dF/dx and the drag b of a node, the step
+        dx solves (H + b) dx = F at the free nodes; both ends and held nodes have given positions.
+        """
+        if not self._is_moving and not self.held and np.abs(first - self.points[0]).max() < _REST_STEP:
             return
         x = self.points
         n = self.vessel.segments
@@ -86,7 +93,7 @@ class Tube:
         self._add_stretching(F, H)
         self._add_bending(F, H)
         K = H.reshape(3 * n + 3, 3 * n + 3)
-        K[np.diag_indices(3 * n + 3)] += self._drag
+        K[np.diag_indices(3 * n + 3)] += self._drag_per_node
         stated_positions = {0: first, n: x[n]}  # both ends are attached
         for grasp in self.held.values():
             stated_positions[grasp.node] = grasp.p
@@ -98,15 +105,15 @@ class Tube:
         load = (F.ravel() - K @ dx.ravel())[rows]
         dx[free] = np.linalg.solve(K[np.ix_(rows, rows)], load).reshape(-1, 3)
         # what the forces of the chain leave over at the nodes with given positions
-        remaining = (F.ravel() - K @ dx.ravel()).reshape(-1, 3) + self._drag * dx
+        remaining = (F.ravel() - K @ dx.ravel()).reshape(-1, 3) + self._drag_per_node * dx
         self.points = x + dx
-        self._creeps = float(np.abs(dx).max()) > _STILL
+        self._is_moving = float(np.abs(dx).max()) > _REST_STEP
         self.reaction = remaining[0]
         for grasp in self.held.values():
             grasp.force = -remaining[grasp.node]  # force of the jaws on the node
             load_ratio = float(np.linalg.norm(grasp.force)) / grasp.limit
             if load_ratio > 1.0:
-                slide = min(load_ratio - 1.0, 2.0) * _SLIDE
+                slide = min(load_ratio - 1.0, _LARGEST_EXCESS) * _SLIP_STEP
                 grasp.p = grasp.p - grasp.force / np.linalg.norm(grasp.force) * slide
                 grasp.slipped += slide
 
@@ -116,13 +123,13 @@ class Tube:
         d = np.diff(self.points, axis=0)
         size = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
         along = d / size[:, None]
-        tension = np.where(is_uncut, self._stiff * (size - self.vessel.lengths), 0.0)
+        tension = np.where(is_uncut, self._stiffness * (size - self.vessel.lengths), 0.0)
         F[:-1] += tension[:, None] * along
         F[1:] -= tension[:, None] * along
         outer = along[:, :, None] * along[:, None, :]
         # A compressed spring has a negative stiffness across its direction, which is left out: see the module.
         stretch = np.maximum(0.0, 1.0 - self.vessel.lengths / size)[:, None, None]
-        block = (is_uncut * self._stiff)[:, None, None] * (outer + stretch * (np.eye(3) - outer))
+        block = (is_uncut * self._stiffness)[:, None, None] * (outer + stretch * (np.eye(3) - outer))
         i = np.arange(self.vessel.segments)
         H[i, :, i, :] += block
         H[i + 1, :, i + 1, :] += block
@@ -134,13 +141,13 @@ class Tube:
         is_uncut = self.cut == 0
         x = self.points
         inner = np.arange(self.vessel.segments - 1)
-        stiffness = _BEND * self._stiff[1:] * is_uncut[1:] * is_uncut[:-1]
+        bending_stiffness = _BENDING_RATIO * self._stiffness[1:] * is_uncut[1:] * is_uncut[:-1]
         curvature = x[:-2] - 2 * x[1:-1] + x[2:]
         differences = (1.0, -2.0, 1.0)
         for offset, factor in enumerate(differences):
-            F[offset : len(inner) + offset] -= factor * stiffness[:, None] * curvature
-            for second_offset, second in enumerate(differences):
-                block = (factor * second * stiffness)[:, None, None] * np.eye(3)
+            F[offset : len(inner) + offset] -= factor * bending_stiffness[:, None] * curvature
+            for second_offset, second_factor in enumerate(differences):
+                block = (factor * second_factor * bending_stiffness)[:, None, None] * np.eye(3)
                 H[inner + offset, :, inner + second_offset, :] += block
 
     # -- places along the vessel --------------------------------------------------------------------------
@@ -163,7 +170,7 @@ class Tube:
             the vessel, sine of the angle between vessel and line). The first distance is infinite if the whole vessel
             is cut away.
         """
-        best = (np.inf, 0.0, 0.0, 1.0)
+        nearest = (np.inf, 0.0, 0.0, 1.0)
         line_length = float(np.linalg.norm(tip - base))
         u = (tip - base) / line_length
         for k in np.flatnonzero(self.cut == 0).tolist():
@@ -184,16 +191,16 @@ class Tube:
             s = float(np.clip((start + t * v - base) @ u, 0.0, line_length))
             t = float(np.clip((base + s * u - start) @ v, 0.0, length))
             distance = float(np.linalg.norm(base + s * u - start - t * v))
-            if distance < best[0] - 1e-12:
+            if distance < nearest[0] - 1e-12:
                 position = float(self.vessel.arc[k] + t / length * self.vessel.lengths[k])
-                best = (distance, s, position, max(sine_squared, 1e-6) ** 0.5)
-        return best
+                nearest = (distance, s, position, max(sine_squared, 1e-6) ** 0.5)
+        return nearest
 
     def sever(self, s: float) -> int:
         """Cut away the segment at a position s in m along the vessel; return the index of the segment."""
         k = self._segment(s)
         self.cut[k] = 1
-        self._creeps = True
+        self._is_moving = True
         return k
 
     def nodes(self) -> Array:
@@ -201,5 +208,5 @@ class Tube:
         state = (self.points.tobytes(), self.cut.tobytes(), self.flat.tobytes(), self.across.tobytes())
         if state != self._drawn_state:
             self._drawn_state = state
-            self._drawn = self.vessel.rings(self.points, self.cut, self.flat, self.across)
-        return self._drawn
+            self._drawn_nodes = self.vessel.rings(self.points, self.cut, self.flat, self.across)
+        return self._drawn_nodes

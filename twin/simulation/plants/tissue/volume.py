@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core.spatial import Array, Index
 
-_TOGETHER = 256
+_TRIANGLES_PER_PART = 256
 """Smallest number of triangles of which a part consists; the largest is twice as many, less one."""
 
 
@@ -21,7 +21,7 @@ class Volume:
         n = weights.shape[1]
         sums = np.zeros((n, n * n))
         # in parts, because the products of all triangles at once would take much memory
-        for part in np.array_split(triangles, max(1, len(triangles) // _TOGETHER)):
+        for part in np.array_split(triangles, max(1, len(triangles) // _TRIANGLES_PER_PART)):
             a = weights[part[:, 0]]
             b = weights[part[:, 1]]
             c = weights[part[:, 2]]

@@ -90,7 +90,7 @@ class CameraSurgeon(SurgeonHands):
                 return
             common = self._misjudged(displacement) / self.habits.drag
             roll = float(self._misjudged(np.array([0.0, 0.0, angle]))[2])
-            half_distance = (self._p[right] - self._p[left]) / 2
+            half_distance = (self._positions[right] - self._positions[left]) / 2
             opposite = spatial.rotation_z(roll) @ half_distance - half_distance
             strokes = {right: common + opposite, left: common - opposite}
             yield from self._stroke(strokes, self.habits.settle)
@@ -98,7 +98,7 @@ class CameraSurgeon(SurgeonHands):
     def _is_aligned(self, displacement: Array, angle: float) -> bool:
         """Return whether the surgeon accepts the remaining displacement (3,) in m and the remaining angle in rad."""
         length = float(np.linalg.norm(self.upper[1] - self.upper[0]))
-        depth = length / (2 * self._half * self.line)  # here, the rectangle appears as long as the line
+        depth = length / (2 * self._half_picture * self.line)  # here, the rectangle appears as long as the line
         relative = np.abs(displacement / [length, length, depth])
         return abs(angle) < _ANGLE_TOLERANCE and float(relative.max()) < _OFFSET_TOLERANCE
 
@@ -111,7 +111,7 @@ class CameraSurgeon(SurgeonHands):
         right_seen = right[:2] / -right[2]
         across = right_seen - left_seen
         angle = -float(np.arctan2(across[1], across[0])) + _ANGLE_NOISE * float(self._rng.normal())
-        ratio = float(np.linalg.norm(across)) / (2 * self._half * self.line)
+        ratio = float(np.linalg.norm(across)) / (2 * self._half_picture * self.line)
         middle = (left_seen + right_seen) / 2
         depth = -(left[2] + right[2]) / 2
         displacement = np.array([*(-middle * depth), depth * (1 - ratio)])

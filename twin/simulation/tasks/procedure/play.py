@@ -21,7 +21,7 @@ from twin.simulation.plants.tissue.operating import Grasped
 from twin.simulation.session.referee import BEGIN, Event
 from twin.simulation.session.task_play import Play
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.procedure.procedure_checks import Closed, ProcedureCheck, ProcedureReferee
+from twin.simulation.tasks.procedure.procedure_checks import ClosedClip, ProcedureCheck, ProcedureReferee
 from twin.simulation.world.signal_kinds import CLIP_ON, ROBOT_CARRIES, ROBOT_HOLDS
 
 
@@ -45,10 +45,10 @@ _TITLES = {
 }
 """Titles of the checks."""
 
-_SAID = 0.2
+_TEXT_INTERVAL = 0.2
 """Simulated time in s between two updates of the text."""
 
-_OUT = 0.5
+_TIME_OUTSIDE = 0.5
 """Time in s for which the organ must be outside before the procedure is complete; ASSUMED."""
 
 
@@ -70,10 +70,10 @@ class ProcedureGuide(ProcedureReferee):
         self._called = instrument_names(setup.scene)
         self._carried = dict.fromkeys(self.robots, -1)
         self._holds: dict[str, int] = dict.fromkeys(self.robots, Grasped.NOTHING)
-        self._told: dict[str, str] = {}
+        self._told_states: dict[str, str] = {}
         self._out_since: float | None = None
         self._content: JsonObject = {}
-        self._next = 0.0
+        self._next_update = 0.0
 
     def see(self, now: Mapping[str, Array], t: float) -> None:
         """Check a sample at t in s, and add its events."""
@@ -91,13 +91,13 @@ class ProcedureGuide(ProcedureReferee):
             self._out_since = None
         elif self._out_since is None:
             self._out_since = t
-        self.complete = self._out_since is not None and t - self._out_since >= _OUT
+        self.complete = self._out_since is not None and t - self._out_since >= _TIME_OUTSIDE
         # the texts are for people, who read no faster; the last state is always shown
-        if t >= self._next or self.complete:
-            self._next = t + _SAID
-            self._say(now)
+        if t >= self._next_update or self.complete:
+            self._next_update = t + _TEXT_INTERVAL
+            self._update_content(now)
 
-    def _tell_clip(self, clip: Closed) -> None:
+    def _tell_clip(self, clip: ClosedClip) -> None:
         if clip.on < 0:
             self._tell("bad", "a clip was closed beside all vessels")
             return
@@ -118,9 +118,9 @@ class ProcedureGuide(ProcedureReferee):
         if holds == before:
             return
         if holds == Grasped.NOTHING:
-            self._tell("plain", f"{self._called[robot]} has released the {self._held(before)}")
+            self._tell("plain", f"{self._called[robot]} has released the {self._held_name(before)}")
         else:
-            self._tell("plain", f"{self._called[robot]} holds the {self._held(holds)}")
+            self._tell("plain", f"{self._called[robot]} holds the {self._held_name(holds)}")
 
     def content(self) -> JsonObject:
         """Return the scoreboard as plain data: measures, stages with their state, the next step, the last events."""
@@ -138,13 +138,13 @@ class ProcedureGuide(ProcedureReferee):
             result = f"Not passed: {', '.join(missed)}."
         return f"The {spoken(self.procedure.organ)} is out. {result}"
 
-    def _say(self, now: Mapping[str, Array]) -> None:
+    def _update_content(self, now: Mapping[str, Array]) -> None:
         checks = self.checks()
         stages = []
         for check in checks:
             state = _state(check)
             self._tell_change(check, state)
-            self._told[check.name] = state
+            self._told_states[check.name] = state
             stages.append([_TITLES[check.name], state, check.text])
         clips_left = self.clips - len(self.closed)
         measures = self.measures()
@@ -166,7 +166,7 @@ class ProcedureGuide(ProcedureReferee):
 
     def _tell_change(self, check: ProcedureCheck, state: str) -> None:
         """Add an event if the state of a check is not the one before."""
-        before = self._told.get(check.name)
+        before = self._told_states.get(check.name)
         if before is None:
             # at the start, a check that applies to the whole session is passed, which is no news
             whole_session = check.t is None and check.done
@@ -186,7 +186,7 @@ class ProcedureGuide(ProcedureReferee):
         """Time in s since the first moment in which a robot followed its hand; 0 before it."""
         return 0.0 if self.begun is None else self.t - self.begun
 
-    def _held(self, number: int) -> str:
+    def _held_name(self, number: int) -> str:
         if number == Grasped.ORGAN:
             return spoken(self.procedure.organ)
         return spoken(self._vessels[number - 1].name)

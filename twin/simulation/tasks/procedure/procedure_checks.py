@@ -37,7 +37,7 @@ from twin.simulation.world.signal_kinds import (
     VESSEL_SEEN,
 )
 
-_SHUT = 1 - 1e-9
+_CLOSED_COVER = 1 - 1e-9
 """A clip closes a vessel if at least this fraction of the vessel's width is between the legs of the clip."""
 
 
@@ -90,7 +90,7 @@ class ProcedureMeasures:
 
 
 @dataclass(frozen=True)
-class Closed:
+class ClosedClip:
     """A closed clip.
 
     Attributes:
@@ -108,7 +108,7 @@ class Closed:
     @property
     def closes(self) -> bool:
         """Whether the clip closes the whole width of the vessel."""
-        return self.cover >= _SHUT
+        return self.cover >= _CLOSED_COVER
 
 
 class ProcedureReferee(Block):
@@ -153,17 +153,17 @@ class ProcedureReferee(Block):
         self._vessels = scene.vessels
         self._ports = np.array([operating_scene.port_of(place) for place in operating_scene.robots_of(setup)])
         self._middle = organ.weights.mean(axis=0)
-        self._number = [vessel.name for vessel in scene.vessels].index(self.procedure.vessel)
+        self._vessel_number = [vessel.name for vessel in scene.vessels].index(self.procedure.vessel)
         self._clips = [name.removesuffix(".on") for name in clips]  # in their appliers
-        self.closed: list[Closed] = []
+        self.closed: list[ClosedClip] = []
         self.begun: float | None = None if by_hand else 0.0
         self.t = 0.0
         self.lift = 0.0
         self.seen = 0.0
         self._last_lift = 0.0  # lift in the last sample before the first clip is closed
         self._t_lifted: float | None = None
-        self._run = 0  # number of successive samples in which the camera sees enough of the vessel
-        self._longest_run = 0
+        self._shown_samples = 0  # number of successive samples in which the camera sees enough of the vessel
+        self._most_shown_samples = 0
         self._t_shown: float | None = None
         self._t_cut = np.inf
         self._cuts = [np.zeros(vessel.segments) for vessel in scene.vessels]
@@ -201,7 +201,7 @@ class ProcedureReferee(Block):
         for k, vessel in enumerate(self._vessels):
             # copied, because the World writes the next values into the same memory
             self._cuts[k] = now[VESSEL_CUT.of(vessel.name)].copy()
-        if not self.cut and self._cuts[self._number].any():
+        if not self.cut and self._cuts[self._vessel_number].any():
             self._t_cut = t
         self._see_organ(now)
         for name in self.procedure.spare:
@@ -223,7 +223,7 @@ class ProcedureReferee(Block):
             self._clips.remove(name)
             at = float(now[CLIP_AT.of(name)][0])
             cover = float(now[CLIP_COVER.of(name)][0])
-            self.closed.append(Closed(self.t, on, at, cover))
+            self.closed.append(ClosedClip(self.t, on, at, cover))
 
     def _lift(self, now: Mapping[str, Array]) -> float:
         """Return the largest height in m by which a robot has lifted the organ; 0: no robot holds it."""
@@ -239,11 +239,11 @@ class ProcedureReferee(Block):
         if self._t_lifted is None and self.lift >= procedure.lift_mm * MM:
             self._t_lifted = self.t
         if self.seen >= procedure.seen and self.begun is not None:
-            self._run += 1
+            self._shown_samples += 1
         else:
-            self._run = 0
-        self._longest_run = max(self._longest_run, self._run)
-        if self._t_shown is None and self._run * self.period >= procedure.seen_s:
+            self._shown_samples = 0
+        self._most_shown_samples = max(self._most_shown_samples, self._shown_samples)
+        if self._t_shown is None and self._shown_samples * self.period >= procedure.seen_s:
             self._t_shown = self.t
 
     def _see_organ(self, now: Mapping[str, Array]) -> None:
@@ -263,7 +263,7 @@ class ProcedureReferee(Block):
     @property
     def on_vessel(self) -> int:
         """Number of clips that close the vessel of the procedure."""
-        return len(self._shut())
+        return len(self._closing_clips())
 
     @property
     def cut(self) -> bool:
@@ -302,7 +302,7 @@ class ProcedureReferee(Block):
 
     def _show(self) -> ProcedureCheck:
         procedure = self.procedure
-        longest = self._longest_run * self.period
+        longest = self._most_shown_samples * self.period
         when = " before the first clip" if self.closed else ""
         text = (
             f"{procedure.camera} saw at least {procedure.seen:.0%} of the {spoken(procedure.vessel)} for "
@@ -316,7 +316,7 @@ class ProcedureReferee(Block):
         procedure = self.procedure
         required = procedure.clips_kept + procedure.clips_taken
         times = []
-        for clip in self._shut():
+        for clip in self._closing_clips():
             if clip.t <= self._t_cut:
                 times.append(clip.t)
         times.sort()
@@ -325,7 +325,7 @@ class ProcedureReferee(Block):
         for clip in self.closed:
             if clip.on == ClipPlace.ON_NOTHING:
                 beside += 1
-            elif clip.on == self._number and not clip.closes:
+            elif clip.on == self._vessel_number and not clip.closes:
                 partial += 1
         text = f"{len(times)} clips closed the {spoken(procedure.vessel)} before it was cut (required: {required})"
         if partial:
@@ -337,24 +337,24 @@ class ProcedureReferee(Block):
         too_few = len(times) + len(self._clips) < required
         return ProcedureCheck("clip", False, None, text, lost=self.cut or too_few)
 
-    def _shut(self) -> list[Closed]:
+    def _closing_clips(self) -> list[ClosedClip]:
         """Return the clips that close the vessel of the procedure."""
         clips = []
         for clip in self.closed:
-            if clip.on == self._number and clip.closes:
+            if clip.on == self._vessel_number and clip.closes:
                 clips.append(clip)
         return clips
 
     def _cut(self) -> ProcedureCheck:
-        vessel = self._vessels[self._number]
-        cut_segments = np.flatnonzero(self._cuts[self._number])
+        vessel = self._vessels[self._vessel_number]
+        cut_segments = np.flatnonzero(self._cuts[self._vessel_number])
         if not len(cut_segments):
             return ProcedureCheck("cut", False, None, f"the {spoken(vessel.name)} is not cut")
         low = vessel.arc[cut_segments[0]]
         high = vessel.arc[cut_segments[-1] + 1]
         on_organ_side = 0
         on_other_side = 0
-        for clip in self._shut():
+        for clip in self._closing_clips():
             on_organ_side += bool(clip.at < low)
             on_other_side += bool(clip.at > high)
         open_ends = []
@@ -393,7 +393,7 @@ class ProcedureReferee(Block):
     def _other_vessels(self) -> ProcedureCheck:
         wrong = []
         for k, vessel in enumerate(self._vessels):
-            if k == self._number:
+            if k == self._vessel_number:
                 continue
             clips = 0
             for clip in self.closed:
