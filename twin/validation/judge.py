@@ -114,6 +114,7 @@ def judge(
 
 
 def _has_meshes(mechanism: Mechanism) -> bool:
+    """Return whether a body has a shape, without which there are no clearances."""
     return any(body.meshes for body in mechanism.bodies)
 
 
@@ -140,6 +141,7 @@ def _judge_equations(case: Case, comparison: EquationsComparison, progress: Prog
 
 
 def _report(case: Case, comparison: EquationsComparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
+    """Return the report: what the judges added to `comparison`, with the data of robot and protocol."""
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
     kin = case.kinematics
@@ -179,6 +181,7 @@ def _report(case: Case, comparison: EquationsComparison, findings: list[Finding]
 
 
 def _variant_reasons(kin: Kinematics) -> dict[str, str]:
+    """Return {"equation, variant": how and why the variant differs from the printed equation}; without helpers."""
     reasons: dict[str, str] = {}
     for equation in kin.formula.equations:
         if equation.stage == "helper":
@@ -189,6 +192,7 @@ def _variant_reasons(kin: Kinematics) -> dict[str, str]:
 
 
 def _unreachable_poses(mechanism: Mechanism, error: AssemblyError) -> Finding:
+    """Return the finding on a mechanism that cannot be assembled at the tool poses of the protocol."""
     return disagreement(
         "mechanism.no_assembly",
         mechanism.name,
@@ -198,6 +202,7 @@ def _unreachable_poses(mechanism: Mechanism, error: AssemblyError) -> Finding:
 
 
 def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
+    """Return the facts on the mechanism by name: numbers of its parts, loops, mobility, transmissions, source."""
     mechanism = model.mechanism
     mobility = model.mobility(model.home().x)
     redundant = "none"

@@ -11,6 +11,21 @@ from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, UM
 from twin.validation.result import PhaseSummary, Residual, RowKind
 
+_LINK_LENGTH = 0.1
+"""Length in m of the robot's links if it is not known: it relates errors of positions and of angles."""
+
+_SPEED_PER_METRE = 10.0
+"""Speed in m/s that counts as much as a difference of 1 m: that of 1 m in 0.1 s."""
+
+_ACCELERATION_PER_METRE = 100.0
+"""Acceleration in m/s2 that counts as much as a difference of 1 m: that of 10 m/s in 0.1 s."""
+
+_PHASE_END_TOLERANCE = 1e-9
+"""Tolerance in s of the end of a phase, far below a sample: the last sample of a phase belongs to it."""
+
+_MAIN_AXIS_PART = 0.05
+"""Part of the largest component from which another one is named as well."""
+
 
 @dataclass(frozen=True)
 class Tolerances:
@@ -46,7 +61,7 @@ class Tolerances:
         `link` is the usual length in m of the robot's links, which turn by `position` / `link` in rad; None: 0.1 m.
         """
         p = max(position, self.position)
-        r = max(position / (link or 0.1), self.rotation)
+        r = max(position / (link or _LINK_LENGTH), self.rotation)
         return Tolerances(
             position=p,
             rotation=r,
@@ -55,8 +70,8 @@ class Tolerances:
             stage_rotation=max(self.stage_rotation, r),
             baked_position=self.baked_position,
             baked_rotation=self.baked_rotation,
-            speed=max(self.speed, 10 * p),
-            acceleration=max(self.acceleration, 100 * p),
+            speed=max(self.speed, _SPEED_PER_METRE * p),
+            acceleration=max(self.acceleration, _ACCELERATION_PER_METRE * p),
             rcm=max(self.rcm, p),
         )
 
@@ -73,7 +88,7 @@ class SampleClock:
         name = ""
         for phase in self.phases:
             name = phase.name
-            if t <= phase.t1 + 1e-9:  # far below a sample: the last sample of a phase belongs to it
+            if t <= phase.t1 + _PHASE_END_TOLERANCE:
                 break
         return name
 
@@ -133,13 +148,13 @@ def row(
 
 
 def _main_axes(largest: Array) -> str:
-    """Return the axes along which vectors differ, as text: those with more than a twentieth of the largest difference.
+    """Return the axes along which vectors differ most, as text; see `_MAIN_AXIS_PART`.
 
     `largest` (3,) is the largest difference along x, y and z.
     """
     axes = []
     for axis, difference in zip("xyz", largest, strict=True):
-        if difference > 0.05 * largest.max():
+        if difference > _MAIN_AXIS_PART * largest.max():
             axes.append(axis)
     return ", ".join(axes)
 

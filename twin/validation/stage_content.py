@@ -33,12 +33,17 @@ _ZERO_ROUNDING = 1e-12
 _POSITION_ROUNDING = 1e-6
 """Difference of a position in m that is a rounding error beside the origin, on a stage of about 10 m."""
 
-# tolerances for estimates from coarse meshes
-COARSE_MASS = 0.15  # relative
-COARSE_SIZE = 0.04  # of a mass centre, divided by the body's size
-# Of an entry of the inertia tensor, relative to the largest entry. It is large, because the moment of a cylinder about
-# its axis varies with the fourth power of the radius.
+COARSE_MASS = 0.15
+"""Relative tolerance of a mass that is estimated from coarse meshes."""
+
+COARSE_SIZE = 0.04
+"""Tolerance of a mass centre that is estimated from coarse meshes, divided by the size of the body."""
+
 COARSE_MOMENT = 0.4
+"""Tolerance of an entry of an inertia tensor that is estimated from coarse meshes, relative to the largest entry.
+
+It is large, because the moment of a cylinder about its axis varies with the fourth power of the radius.
+"""
 
 _BUILD_AGAIN_ADVICE = "rebuild the stage with `twin build`"
 _CONTENT_DIFFERS = Kind("stage.content", "disagreement", _BUILD_AGAIN_ADVICE, word="CAD and description")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,6 +23,9 @@ from twin.schema import Table, at, load_toml
 
 _PValue = Annotated[float, Field(ge=0, le=1)]
 _MeanStd = tuple[float, Annotated[float, Field(ge=0)]]
+_SIGNIFICANCE = 0.05
+"""Level of significance of the claim "every_p_below_0.05"."""
+
 _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
 
@@ -131,9 +134,9 @@ def load(path: Path) -> Tables:
     return load_toml(path, Tables)
 
 
-def _p_value(result: Any) -> float:
+def _p_value(result: object) -> float:
     """Return the p-value of a test's result, whose attributes scipy defines at run time."""
-    return float(result.pvalue)
+    return float(getattr(result, "pvalue"))  # noqa: B009
 
 
 def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
@@ -281,7 +284,7 @@ def _findings_on_claim(claim: Claim, tables: Tables) -> list[Finding]:
         text = f"the statement '{claim.text}' is false for {', '.join(exceptions)}"
     else:
         for rating in tables.rating:
-            if rating.printed_p >= 0.05:
+            if rating.printed_p >= _SIGNIFICANCE:
                 exceptions.append(f"{rating.name} {rating.printed_p:.2f}")
         text = (
             f"'{claim.text}': these p-values are printed as 0.05 or more ({', '.join(exceptions)}), so the sign should "

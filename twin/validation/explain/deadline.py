@@ -17,19 +17,19 @@ class Deadline:
 
     def __init__(self, seconds: float = float("inf")) -> None:
         """Start the time; `seconds`: limit in s, infinite by default."""
-        self._until = time.thread_time() + seconds
-        self._at_last = time.monotonic() + _ELAPSED_PER_PROCESSOR_SECOND * seconds
+        self._processor_time_end = time.thread_time() + seconds
+        self._elapsed_time_end = time.monotonic() + _ELAPSED_PER_PROCESSOR_SECOND * seconds
 
     @property
     def left(self) -> float:
         """Remaining processor time in s; not negative."""
-        elapsed = (self._at_last - time.monotonic()) / _ELAPSED_PER_PROCESSOR_SECOND
-        return max(0.0, min(self._until - time.thread_time(), elapsed))
+        elapsed = (self._elapsed_time_end - time.monotonic()) / _ELAPSED_PER_PROCESSOR_SECOND
+        return max(0.0, min(self._processor_time_end - time.thread_time(), elapsed))
 
     @property
     def passed(self) -> bool:
         """Whether the time is over."""
-        return time.thread_time() > self._until or time.monotonic() > self._at_last
+        return time.thread_time() > self._processor_time_end or time.monotonic() > self._elapsed_time_end
 
     def within(self, seconds: float) -> Deadline:
         """Return a deadline in `seconds`, or this one if it is earlier."""

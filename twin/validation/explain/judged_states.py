@@ -38,12 +38,16 @@ _BOX_FACTORS = (1.0, 0.5, 0.2, 0.05)
 """Parts of the box in which states are drawn one after the other, until there are enough that can be assembled."""
 
 _ASSUMED_TURN = 0.5
+"""Half range in rad that is assumed of a joint without limits."""
+
 _ASSUMED_SLIDE = 0.1
-"""Half ranges in rad and m that are assumed of joints without limits."""
+"""Half range in m that is assumed of a sliding joint without limits."""
 
 _WIDEST_TURN = 0.3
+"""Maximum half width of the box in rad, for a joint with a long range."""
+
 _WIDEST_SLIDE = 0.02
-"""Maximum half widths in rad and m of the box, for joints with a long range."""
+"""Maximum half width of the box in m, for a sliding joint with a long range."""
 
 _LEAST_CONDITIONING_RATIO = 0.1
 """A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""

@@ -35,9 +35,10 @@ _MOST_NEWTON_STEPS = 5
 """Number of steps with which derived parameters are fitted."""
 
 _FIRST_CHANGE = 0.03
+"""Relative change of the first parameter of a group."""
+
 _FURTHER_CHANGE = 0.017
-"""Relative change of the first parameter of a group, and how much more each further one is changed, so that they are no
-longer equal."""
+"""How much more each further parameter of a group is changed than the one before, so that they are no longer equal."""
 
 _ANGLE_CHANGE_FACTOR = 4
 """Factor of these changes for angles, in rad."""

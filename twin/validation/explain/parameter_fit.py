@@ -19,8 +19,10 @@ _MOST_STEPS = 30
 """Maximum number of steps of a fit."""
 
 _SLOW_GAIN = 1e-3
+"""A step is slow if it reduces the sum of squares by less than this fraction."""
+
 _MOST_SLOW_STEPS = 2
-"""A fit ends if so many successive steps reduce the sum of squares by less than the fraction `_SLOW_GAIN`."""
+"""A fit ends after so many successive slow steps."""
 
 _CONVERGED_STEP = 1e-13
 """A fit ends if a step changes each parameter by less than this fraction of its scale."""

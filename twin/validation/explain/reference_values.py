@@ -18,10 +18,13 @@ from twin.validation.explain.function_source import Source
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
 
 SymbolKind = Literal["length", "angle", "pose"]
+"""What a value of the mechanism is: its unit and its tolerance follow from it."""
 
 _PERTURBATION_PART = 0.01
+"""Standard deviation of perturbed values, as a part of the value."""
+
 _PERTURBATION_ADDED = 1e-3
-"""Standard deviations of perturbed values: as a part of a value, and in SI, so that also a zero is changed."""
+"""Standard deviation in SI of what is added to a perturbed value, so that also a zero is changed."""
 
 
 @dataclass(frozen=True)

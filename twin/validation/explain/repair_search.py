@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Container, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,22 +36,34 @@ _FORM_TOKENS = tuple(kind for kind in TOKEN_KINDS if kind in FORM_KINDS)
 _NAME_TOKENS = tuple(kind for kind in TOKEN_KINDS if kind not in FORM_KINDS)
 _MULTI_TOKEN_BUT_CALLS = tuple(kind for kind in MULTI_TOKEN_KINDS if kind not in FORM_KINDS)
 
+
+class _SearchStage(NamedTuple):
+    """One stage of the search for one edit.
+
+    Attributes:
+        in_called: whether the called functions are edited; otherwise, the equations themselves are.
+        kinds: kinds of edits.
+        part: maximum part of the remaining time, so that a slow equation leaves time for the next stages.
+    """
+
+    in_called: bool
+    kinds: tuple[str, ...]
+    part: float
+
+
 _STAGES = (
-    (False, _FORM_TOKENS),
-    (True, CALL_KINDS),
-    (False, _NAME_TOKENS),
-    (True, OPERATOR_KINDS),
-    (False, MULTI_TOKEN_KINDS),
-    (True, _NAME_TOKENS),
-    (True, _MULTI_TOKEN_BUT_CALLS),
+    _SearchStage(False, _FORM_TOKENS, 0.3),
+    _SearchStage(True, CALL_KINDS, 0.3),
+    _SearchStage(False, _NAME_TOKENS, 0.5),
+    _SearchStage(True, OPERATOR_KINDS, 0.3),
+    _SearchStage(False, MULTI_TOKEN_KINDS, 0.3),
+    _SearchStage(True, _NAME_TOKENS, 0.5),
+    _SearchStage(True, _MULTI_TOKEN_BUT_CALLS, 0.6),
 )
-"""Stages of the search for one edit: (whether called functions are edited, kinds of edits).
+"""The stages in their order: kinds with few replacements first, because a slow equation has time for few hundred edits.
 
-Kinds with few replacements come first, because a slow equation leaves time for some hundred edits only.
+Names and kinds with many replacements have larger parts.
 """
-
-_PARTS = (0.3, 0.3, 0.5, 0.3, 0.3, 0.5, 0.6)
-"""Maximum part of the remaining time for each of these stages, so that slow equations leave time for the next."""
 
 _ALTERNATIVES_PART = 0.3
 """Maximum part of the remaining time for other edits with the same result, after an edit that repairs all rows."""
@@ -148,7 +161,7 @@ class RepairSearch(Trials):
         is_from_values = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
-        for n, (in_called, kinds) in enumerate(_STAGES):
+        for n, (in_called, kinds, _) in enumerate(_STAGES):
             settled = not unrepaired and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
             if settled and not is_from_values and (in_called or kinds == MULTI_TOKEN_KINDS):
@@ -177,8 +190,7 @@ class RepairSearch(Trials):
 
         `settled`: whether one edit repairs all rows; `unrepaired`: rows without a repair.
         """
-        in_called, kinds = _STAGES[n]
-        part = _PARTS[n]
+        in_called, kinds, part = _STAGES[n]
         if settled:
             part = _ALTERNATIVES_PART
         self.singles.until = self.deadline.within(part * self.deadline.left)

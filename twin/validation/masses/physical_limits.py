@@ -35,6 +35,12 @@ _ALUMINIUM_DENSITY = 2700.0
 _ROUNDING = 1e-9
 """Relative difference that the rounding of stated numbers causes."""
 
+_LEAST_DIVISOR = 1e-300
+"""Minimum divisor where the second moment of a body may be zero."""
+
+_ABOVE_MINIMUM = 1 + 1e-6
+"""Factor of the minimum mass with which moments without a mass are judged: at the minimum itself, they are singular."""
+
 _SUM_OF_WEIGHTS = 1e3
 """Weight of the condition that the weights of hull corners have the sum one: it must hold exactly."""
 
@@ -124,7 +130,7 @@ def _pseudo_inertia(tensor: Array, first: Array, mass: float) -> Array:
     """Return the pseudo-inertia (4, 4), dimensionless: lengths in radii of gyration, masses relative to `mass`."""
     P = Inertia(mass, first / mass, _about_centre(tensor, first, mass)).pseudo()
     second_moment = abs(float(np.trace(P[:3, :3])))
-    length = np.sqrt(max(second_moment, 1e-300) / mass)
+    length = np.sqrt(max(second_moment, _LEAST_DIVISOR) / mass)
     scale = np.array([1 / length, 1 / length, 1 / length, 1.0])
     return P * np.outer(scale, scale) / mass
 
@@ -158,9 +164,11 @@ def judged_inertia(body: StatedInertia) -> JudgedInertia:
         pseudo = _pseudo_inertia(tensor, first, mass)
     else:
         about_centre = tensor
-        # just above the minimum; without a first moment, the ratio is the same for any mass
-        positive = least if 0 < least < np.inf else 1.0
-        pseudo = _pseudo_inertia(tensor, first, positive * (1 + 1e-6))
+        # without a first moment, the minimum is zero, and the ratio is the same for any mass
+        minimum = 1.0
+        if 0 < least < np.inf:
+            minimum = least
+        pseudo = _pseudo_inertia(tensor, first, minimum * _ABOVE_MINIMUM)
     moments: Array = np.asarray(np.linalg.eigvalsh(about_centre), float)  # in increasing order
     slack = float(moments[0] + moments[1] - moments[2])
     eigenvalues = np.linalg.eigvalsh(pseudo)

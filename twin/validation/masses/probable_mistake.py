@@ -17,11 +17,14 @@ from twin.core.findings import Finding, warning
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 
-# Limits of the misfit (see `misfit`) between the stated tensor and the tensor of the filled shapes. Bodies that are
-# hollow or of mixed materials have a misfit of 0.1 to 0.3.
-UNEXPLAINED_MISFIT = 0.35  # above it, the check searches for an explanation
-FITTING_MISFIT = 0.3  # with the explanation, the misfit must be below it
-LARGEST_REMAINING_PART = 0.35  # and below this part of the original misfit
+UNEXPLAINED_MISFIT = 0.35
+"""Misfit (see `misfit`) from which an explanation is searched: that of hollow or mixed bodies is 0.1 to 0.3."""
+
+FITTING_MISFIT = 0.3
+"""Largest misfit with the explanation."""
+
+LARGEST_REMAINING_PART = 0.35
+"""Largest misfit with the explanation, as a part of the misfit without it."""
 
 SMALLEST_PRODUCTS = 0.04
 """Relative size of the products of inertia below which their sign cannot be determined."""
@@ -30,8 +33,12 @@ CLEAR_MISFIT_RATIO = 2.0
 """If (misfit of second-best / misfit of best explanation) is smaller than this, the message names both."""
 
 _WRONG_SIGN = "the products of inertia seem to have the wrong sign (+integral of x y dm)"
+_FAR_FROM_CENTRE = 0.2
+"""Parallel-axis term, relative to the tensor, from which a tensor about another point is recognised."""
+
 _ENTRY_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _ENTRY_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Names and places of the entries of a tensor, the moments first, then the products."""
 
 
 def misfit(tensor: Array, shape: Array) -> float:
@@ -80,7 +87,8 @@ def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape:
 
     Products are small compared with the moments: their sign has little effect on the misfit of the tensor.
     """
-    rows, columns = zip(*_ENTRY_PLACES[3:], strict=True)
+    places_of_products = _ENTRY_PLACES[3:]
+    rows, columns = zip(*places_of_products, strict=True)
     products = shape[rows, columns]
     stated = tensor[rows, columns] / mass
     size = np.linalg.norm(products)
@@ -141,7 +149,7 @@ def _possible_mistakes(tensor: Array, centre: Array, mass: float) -> Iterator[tu
                 corrected,
             )
     parallel_axis_term = mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    if np.abs(parallel_axis_term).max() > 0.2 * np.abs(tensor).max():
+    if np.abs(parallel_axis_term).max() > _FAR_FROM_CENTRE * np.abs(tensor).max():
         yield (
             "origin",
             "the stated tensor seems to be about the mass centre instead of the frame's origin",

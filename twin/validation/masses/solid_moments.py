@@ -11,7 +11,10 @@ from twin.core.spatial import Array
 from twin.model.body import Mesh
 
 _UNIT_TETRAHEDRON_MOMENTS = (np.ones((4, 4)) + np.eye(4)) / 20.0
-"""Integrals of the products of two barycentric coordinates over a tetrahedron of volume 1."""
+"""Integrals (4, 4) of the products of two barycentric coordinates over a tetrahedron of volume 1.
+
+With its corners p_a and its volume V, the second moments are V times the sum of entry (a, b) times p_a p_b^T.
+"""
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,21 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
         vertices: (n, 3) in m.
         triangles: (m, 3) vertex indices, m at least 1, counter-clockwise seen from outside.
     """
-    corners = np.asarray(vertices, float)[np.asarray(triangles)]
+    corners = np.asarray(vertices, float)[np.asarray(triangles)]  # (m, corner, xyz)
     # sum about the mean corner, because rounding errors are large far from the origin
     shift = corners.reshape(-1, 3).mean(axis=0)
     corners = corners - shift
-    volumes = np.einsum("ki,ki->k", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    # each triangle and the origin are a tetrahedron, whose signed volume is a sixth of the triple product
+    crossed = np.cross(corners[:, 1], corners[:, 2])
+    volumes = np.einsum("ki,ki->k", corners[:, 0], crossed) / 6.0
     volume = float(volumes.sum())
-    first = np.einsum("k,kai->i", volumes, corners) / 4.0
-    with_apex = np.concatenate([corners, np.zeros((len(corners), 1, 3))], axis=1)
+    first = np.einsum("k,kai->i", volumes, corners) / 4.0  # the mean of four corners, of which the origin is one
+    origin = np.zeros((len(corners), 1, 3))
+    with_apex = np.concatenate([corners, origin], axis=1)
     second = np.einsum("k,kai,ab,kbj->ij", volumes, with_apex, _UNIT_TETRAHEDRON_MOMENTS, with_apex, optimize=True)
-    second_about_origin = second + np.outer(first, shift) + np.outer(shift, first) + volume * np.outer(shift, shift)
+    # back to the origin of the frame, by x = corner + shift
+    mixed = np.outer(first, shift)
+    second_about_origin = second + mixed + mixed.T + volume * np.outer(shift, shift)
     return Moments(volume, first + volume * shift, second_about_origin)
 
 
@@ -72,8 +80,10 @@ def is_closed(triangles: np.ndarray) -> bool:
     edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     # one number for each directed edge: sorted, the numbers of all edges and of all reversed edges must be the same
     count = int(edges.max(initial=0)) + 1
-    forwards = np.sort(edges[:, 0] * count + edges[:, 1])
-    backwards = np.sort(edges[:, 1] * count + edges[:, 0])
+    start = edges[:, 0]
+    end = edges[:, 1]
+    forwards = np.sort(start * count + end)
+    backwards = np.sort(end * count + start)
     return np.array_equal(forwards, backwards)
 
 
