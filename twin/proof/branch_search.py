@@ -16,13 +16,13 @@ from twin.proof.draws import CENTRE_DISTANCE
 from twin.proof.equation_conditions import EquationConditions
 from twin.proof.function_branches import EquationCondition
 
-_STARTS = 24
+_MOST_STARTS = 24
 """Number of states nearest to the change of an answer from which a search starts."""
 
-_STEPS = 6
+_NEWTON_STEPS = 6
 """Number of Newton steps of a search."""
 
-_AIMS = tuple(10.0**-k for k in range(10))
+_AIM_PARTS = tuple(10.0**-k for k in range(10))
 """How far beyond the change of an answer a search aims, as parts of the margin at its start.
 
 A far aim finds answers that hold in a wide region; a near one those that hold in a narrow strip.
@@ -31,7 +31,7 @@ A far aim finds answers that hold in a wide region; a near one those that hold i
 _NEIGHBOURS = 4
 """Number of states beside a state at which its answer must be the same."""
 
-_NEIGHBOUR_PART = (-0.05, 1.0)
+_NEIGHBOUR_DISTANCES = (-0.05, 1.0)
 """Where these states are, as parts of the distance within which a state is drawn near another (`CENTRE_DISTANCE`)."""
 
 _MOST_FOUND = 16
@@ -62,7 +62,7 @@ def other_answers(
     states = []
     for margin, i in zip(margins, chosen, strict=True):
         sizes = np.where(np.isfinite(margin), np.abs(margin), np.inf)
-        nearest = np.argsort(sizes)[:_STARTS]
+        nearest = np.argsort(sizes)[:_MOST_STARTS]
         answer = bool(conditions[i].has(True, margin[nearest[:1]])[0])
         states.append(_search(conditions, i, answer, state[:, nearest], limits, refused))
     return states
@@ -79,7 +79,7 @@ def _search(conditions: EquationConditions, i: int, answer: bool, starts: Array,
     )
     coordinate_count, start_count = starts.shape
     # each start with each aim, side by side
-    x = np.repeat(starts, len(_AIMS), axis=1)
+    x = np.repeat(starts, len(_AIM_PARTS), axis=1)
     function = gradient.map(x.shape[1])
     # the search goes towards negative signed margins
     sign = -1.0
@@ -90,14 +90,14 @@ def _search(conditions: EquationConditions, i: int, answer: bool, starts: Array,
         most_states = _MOST_REFUSED
     found_states: list[Array] = []
     aim = np.zeros(0)
-    for step in range(_STEPS):
+    for step in range(_NEWTON_STEPS):
         margin_row, slope_row = function(x)
         margin = margin_row.full()[0]
         has_other_answer = np.isfinite(margin) & condition.has(not answer, margin)
         margin = sign * margin
         slope = sign * slope_row.full()[0].reshape(x.shape[1], coordinate_count).T
         if step == 0:
-            aim = np.tile(_AIMS, start_count) * np.abs(margin)
+            aim = np.tile(_AIM_PARTS, start_count) * np.abs(margin)
         if refused:
             found_states += list(x[:, has_other_answer].T)
         elif has_other_answer.any():
@@ -121,11 +121,11 @@ def _is_steady(
 
     A claim is judged at exact fractions near a state that was found, not at the state itself.
     """
-    steady = np.ones(state.shape[1], bool)
+    is_steady = np.ones(state.shape[1], bool)
     width = CENTRE_DISTANCE * (limits[:, 1:] - limits[:, :1])
     generator = np.random.default_rng(0)  # the same neighbours in each proof
     for _ in range(_NEIGHBOURS):
-        neighbours = state + width * generator.uniform(*_NEIGHBOUR_PART, state.shape)
+        neighbours = state + width * generator.uniform(*_NEIGHBOUR_DISTANCES, state.shape)
         margin, _ = gradient(np.clip(neighbours, limits[:, :1], limits[:, 1:]))
-        steady &= condition.has(answer, margin.full()[0])
-    return steady
+        is_steady &= condition.has(answer, margin.full()[0])
+    return is_steady

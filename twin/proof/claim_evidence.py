@@ -1,10 +1,9 @@
 """What exact and real values at random states say for a claim and against it, and the verdict that follows.
 
 A claim is proved by exact zeros: at `ENOUGH` states at least, and so many that the odds of zeros by chance are below
-    1e-12.
-It is refuted by a real value that is no rounding error. Where roots are in its numbers, an exact value that is not zero
-says nothing by itself, because a root may have its other sign in the prime field. Everything else is left unproved,
-with the reason.
+1e-12. It is refuted by a real value that is no rounding error. Where roots are in its numbers, an exact value that is
+not zero says nothing by itself, because a root may have its other sign in the prime field. Everything else is left
+unproved, with the reason.
 """
 
 from __future__ import annotations

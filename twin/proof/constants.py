@@ -12,18 +12,21 @@ from twin.proof import field
 ROOTS = (2, 3, 6)
 """Numbers whose roots appear in drawings: of squares, of equilateral triangles, and products of both."""
 
-_DIGITS = 12
+_MOST_WRITTEN_DIGITS = 12
 """A number with fewer significant digits was written as a decimal."""
 
-_DENOMINATORS = 240
+_LARGEST_DENOMINATOR = 240
 """Largest denominator of a fraction that multiplies a root, or that is a part of a half turn or of a number."""
 
-_GRID = 10**7
+_STEPS_PER_METRE = 10**7
 """Steps in a metre of the decimals of a drawing: 0.1 micrometres."""
 
 _ROUNDING = 4e-16
 """Rounding error of a number up to 1 that was computed with double precision, as 6e-17 for the cosine of 90 degrees."""
 
+
+_ANGLE_ROUNDING = 4e-15
+"""Relative rounding error of an angle that was computed with double precision, in multiples of 30 or 45 degrees."""
 
 _COSINE_ROUNDING = 1e-14
 """Rounding error of cosine and sine of a rounded multiple of 30 or 45 degrees within a few turns."""
@@ -122,7 +125,7 @@ def exact_number(value: float) -> ExactNumber | None:
     if not math.isfinite(value):
         return None
     # a conversion of units may have rounded the decimal, as in 0.013000000000000001
-    written = Fraction(f"{value:.{_DIGITS - 1}g}")
+    written = Fraction(f"{value:.{_MOST_WRITTEN_DIGITS - 1}g}")
     if abs(float(written) - value) <= _ROUNDING * abs(value):
         return exact(written)
     return recognised(value, _ROUNDING * max(1.0, abs(value)))
@@ -132,7 +135,7 @@ def recognised(value: float, tolerance: float) -> ExactNumber | None:
     """Return the fraction, or the fraction multiplied by a root, within a tolerance of a value; None: there is none."""
     for radicand in (1, *ROOTS):
         quotient = value / math.sqrt(radicand)
-        fraction = Fraction(quotient).limit_denominator(_DENOMINATORS)
+        fraction = Fraction(quotient).limit_denominator(_LARGEST_DENOMINATOR)
         if abs(float(fraction) - quotient) <= tolerance:
             return exact(fraction, radicand)
     return None
@@ -144,13 +147,13 @@ def decimal(value: float, tolerance: float) -> ExactNumber | None:
         return None
     for radicand in (1, *ROOTS):
         root = math.sqrt(radicand)
-        count = round(value / root * _GRID)
-        if abs(count / _GRID * root - value) <= tolerance:
-            return exact(Fraction(count, _GRID), radicand)
+        count = round(value / root * _STEPS_PER_METRE)
+        if abs(count / _STEPS_PER_METRE * root - value) <= tolerance:
+            return exact(Fraction(count, _STEPS_PER_METRE), radicand)
     return None
 
 
-def exact_angle(value: float, tolerance: float = 4e-15) -> tuple[ExactNumber, ExactNumber] | None:
+def exact_angle(value: float, tolerance: float = _ANGLE_ROUNDING) -> tuple[ExactNumber, ExactNumber] | None:
     """Return cosine and sine of an angle in rad that is a multiple of 30 or of 45 degrees; None for other angles."""
     if not math.isfinite(value):
         return None

@@ -1,4 +1,13 @@
-"""Exact forms of the numbers of a CAD: the decimals, angles and parameters of its drawing."""
+"""Exact forms of the numbers of a CAD: the decimals, angles and parameters of its drawing.
+
+A number of a CAD is rounded, but was drawn: a length as a decimal in mm, as a decimal times sqrt(2), sqrt(3) or
+sqrt(6), or as a sum of one with a part of a parameter of the equations; an angle as a multiple of 30 or 45 degrees, or
+as a sum of one with parameters. Within a tolerance, the number is taken as this exact one: 77.9422863 mm as 45 sqrt(3)
+mm.
+
+The entries of a pose are no such numbers. A pose is therefore taken apart into five steps whose angles and lengths are
+(as those of Denavit and Hartenberg): turn about z, shift, turn about x, shift along z, turn about z.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +17,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cache, lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,15 +36,33 @@ LENGTH_TOLERANCE = 1e-10
 ANGLE_TOLERANCE = 1e-9
 """Difference in rad within which an angle of the CAD is taken as a multiple of 30 or 45 degrees, or as a parameter."""
 
-_GRIDS = {1: 10**5, 2: 2000, 3: 2000}
-"""{root: steps in a metre}: what remains of a length after a part of a parameter is subtracted is a multiple of 10
+_STEPS_PER_METRE = {1: 10**5, 2: 2000, 3: 2000}
+"""{radicand: steps in a metre}: what remains of a length after a part of a parameter is subtracted is a multiple of 10
 micrometres, or of half a millimetre multiplied by a root."""
 
-_PARTS = (Fraction(1), Fraction(1, 2), Fraction(3, 2), Fraction(2), Fraction(1, 3))
+_DRAWN_MULTIPLES = (Fraction(1), Fraction(1, 2), Fraction(3, 2), Fraction(2), Fraction(1, 3))
 """Multiples of a parameter that are parts of lengths in drawings."""
 
-_LARGEST_PART = 6
+_LARGEST_NUMBER_OF_PART = 6
 """Largest numerator and denominator of a part of a parameter in a formula."""
+
+
+class PoseSteps(NamedTuple):
+    """A pose as five steps: turn about z, shift, turn about x, shift along z, turn about z.
+
+    Attributes:
+        theta: first turn about z.
+        shift: (3,) shift in m: along the common normal of the two z axes, and along the first one.
+        alpha: turn about x, the angle between the two z axes.
+        slide: shift in m along the second z axis.
+        phi: second turn about z.
+    """
+
+    theta: Angle
+    shift: list[ExactValue]
+    alpha: Angle
+    slide: ExactValue
+    phi: Angle
 
 
 class Drawing:
@@ -69,7 +97,7 @@ class Drawing:
         self._angles = list(angles.values())
         self._sums = list(_sums(self._angles))
 
-    def fresh(self) -> Drawing:
+    def for_one_state(self) -> Drawing:
         """Return the same drawing for one state, without what was found."""
         first = np.array([0])
         angles = {}
@@ -79,35 +107,35 @@ class Drawing:
 
     def pose(self, T: Array, what: str) -> Matrix:
         """Return a pose (4, 4) as turn about z, shift, turn about x (common normal), shift along z, turn about z."""
-        theta, shift, bend, beyond, phi = self.steps(T, what)
-        matrix = compose(turn(theta, "z"), shifted(shift))
-        matrix = compose(matrix, turn(bend, "x"))
+        steps = self.steps(T, what)
+        matrix = compose(turn(steps.theta, "z"), shifted(steps.shift))
+        matrix = compose(matrix, turn(steps.alpha, "x"))
         zero = values.constant(0.0, self.states)
-        matrix = compose(matrix, shifted([zero, zero, beyond]))
-        return compose(matrix, turn(phi, "z"))
+        matrix = compose(matrix, shifted([zero, zero, steps.slide]))
+        return compose(matrix, turn(steps.phi, "z"))
 
-    def steps(self, T: Array, what: str) -> tuple[Angle, list[ExactValue], Angle, ExactValue, Angle]:
+    def steps(self, T: Array, what: str) -> PoseSteps:
         """Return the angles and lengths of the steps of `pose`."""
         z = T[:3, 2]
         p = T[:3, 3]
-        lean = math.hypot(z[0], z[1])
-        alpha = math.atan2(lean, z[2])
+        sine_of_alpha = math.hypot(z[0], z[1])
+        alpha = math.atan2(sine_of_alpha, z[2])
         theta = 0.0
         along = 0.0
         shift = p
-        # parallel axes have no single common normal: then all of the shift lies before the bend
-        if lean > ANGLE_TOLERANCE:
-            normal = np.array([-z[1], z[0], 0.0]) / lean
+        # parallel axes have no single common normal: then all of the shift lies before the turn about x
+        if sine_of_alpha > ANGLE_TOLERANCE:
+            normal = np.array([-z[1], z[0], 0.0]) / sine_of_alpha
             theta = math.atan2(normal[1], normal[0])
             # the feet of the common normal on both axes
             foot, distance, along = np.linalg.solve(np.column_stack([[0.0, 0.0, 1.0], normal, z]), p)
             shift = np.array([distance, 0.0, foot])
         normal = np.array([math.cos(theta), math.sin(theta), 0.0])
         phi = math.atan2(T[:3, 0] @ np.cross(z, normal), T[:3, 0] @ normal)
-        bend = self.angle(alpha, what)
+        exact_alpha = self.angle(alpha, what)
         x, y = self._in_plane(float(shift[0]), float(shift[1]), what)
-        foot, beyond = self._feet(float(shift[2]), float(along), alpha, bend, what)
-        return self.angle(theta, what), [x, y, foot], bend, beyond, self.angle(phi, what)
+        foot, slide = self._feet(float(shift[2]), float(along), alpha, exact_alpha, what)
+        return PoseSteps(self.angle(theta, what), [x, y, foot], exact_alpha, slide, self.angle(phi, what))
 
     def point(self, p: Array, what: str) -> list[ExactValue]:
         """Return a point (3,)."""
@@ -121,15 +149,17 @@ class Drawing:
             distance = decimal(math.hypot(x, y), LENGTH_TOLERANCE)
             direction = self._exact_angle(math.atan2(y, x))
             if distance is not None and direction is not None:
-                radius = self._recognised(distance, math.hypot(x, y))
+                radius = self._noted_length(distance, math.hypot(x, y))
                 return values.product(radius, direction.cosine), values.product(radius, direction.sine)
         return self.length(x, what), self.length(y, what)
 
-    def _feet(self, foot: float, along: float, alpha: float, bend: Angle, what: str) -> tuple[ExactValue, ExactValue]:
+    def _feet(
+        self, foot: float, along: float, alpha: float, exact_alpha: Angle, what: str
+    ) -> tuple[ExactValue, ExactValue]:
         """Return the distances of the feet of the common normal from the origins of both frames.
 
-        If an origin lies at decimal distances from the first axis, the feet are `height - offset / sin(bend)` and
-        `offset cos(bend) / sin(bend)`.
+        If an origin lies at decimal distances from the first axis, the feet are `height - offset / sin(alpha)` and
+        `offset cos(alpha) / sin(alpha)`.
         """
         if decimal(along, LENGTH_TOLERANCE) is None and abs(math.sin(2 * alpha)) > ANGLE_TOLERANCE:
             offset = decimal(along * math.tan(alpha), LENGTH_TOLERANCE)
@@ -137,16 +167,16 @@ class Drawing:
             if offset is not None:
                 height = decimal(foot + float(offset) / math.sin(alpha), LENGTH_TOLERANCE)
             if offset is not None and height is not None:
-                slant = values.product(values.exact(offset, self.states), values.reciprocal(bend.sine))
+                slant = values.product(values.exact(offset, self.states), values.reciprocal(exact_alpha.sine))
                 first_foot = values.difference(values.exact(height, self.states), slant)
-                return first_foot, values.product(slant, bend.cosine)
+                return first_foot, values.product(slant, exact_alpha.cosine)
         return self.length(foot, what), self.length(along, what)
 
     def length(self, value: float, what: str) -> ExactValue:
         """Return a length in m: a decimal, a decimal and a root, or a sum with a part of a parameter."""
         exact_length = self._exact_length(value)
         if exact_length is not None:
-            return self._recognised(exact_length, value)
+            return self._noted_length(exact_length, value)
         text = f"{value * 1e3:.9g} mm of {what}"
         self.unrecognised_numbers.append(text)
         near_root = near_length(value, self._float_lengths())
@@ -177,14 +207,14 @@ class Drawing:
 
     def _exact_angle(self, value: float) -> Angle | None:
         """Return an angle in rad as a multiple of 30 or 45 degrees, or a sum of one with parameters; None if none."""
-        multiple = self._multiple(value)
+        multiple = self._multiple_of_30_or_45_degrees(value)
         if multiple is not None:
             return multiple
         for parameters in self._sums:
             published = 0.0
             for parameter in parameters:
                 published += parameter.published
-            multiple = self._multiple(math.remainder(value - published, 2 * math.pi))
+            multiple = self._multiple_of_30_or_45_degrees(math.remainder(value - published, 2 * math.pi))
             if multiple is None:
                 continue
             angle = multiple
@@ -193,7 +223,7 @@ class Drawing:
             return angle
         return None
 
-    def _multiple(self, value: float) -> Angle | None:
+    def _multiple_of_30_or_45_degrees(self, value: float) -> Angle | None:
         """Return an angle in rad as a multiple of 30 or 45 degrees; None if it is none."""
         point = exact_angle(value, ANGLE_TOLERANCE)
         if point is None:
@@ -204,7 +234,7 @@ class Drawing:
         real = np.full(self.states, exact_value)
         return Angle(values.exact(cosine, self.states), values.exact(sine, self.states), real)
 
-    def _recognised(self, number: ExactNumber, value: float) -> ExactValue:
+    def _noted_length(self, number: ExactNumber, value: float) -> ExactValue:
         """Return a length whose exact form is `number`, and keep what must be said of it."""
         self.largest_rounding = max(self.largest_rounding, abs(float(number) - value))
         if number.decimal is None:
@@ -212,16 +242,16 @@ class Drawing:
         length = values.exact(number, self.states)
         if self._formulas and len(number.parts) == 1:
             radicand, fraction = number.parts[0]
-            part = self._form(radicand, fraction)
+            part = self._part_of_parameter(radicand, fraction)
             if part:
                 return replace(length, form=part)
         return length
 
-    def _form(self, radicand: int, fraction: Fraction) -> Form | None:
+    def _part_of_parameter(self, radicand: int, fraction: Fraction) -> Form | None:
         """Return a length as a part of a parameter; None if it is none."""
         for name, length in self._lengths.items():
             part = fraction / length
-            if part.denominator <= _LARGEST_PART and abs(part.numerator) <= _LARGEST_PART:
+            if part.denominator <= _LARGEST_NUMBER_OF_PART and abs(part.numerator) <= _LARGEST_NUMBER_OF_PART:
                 root = forms.number(constants.exact(part, radicand))
                 return forms.product(root, forms.variable(name))
         return None
@@ -247,7 +277,7 @@ def _parts(lengths: tuple[Fraction, ...]) -> list[tuple[float, ExactNumber]]:
     for length in lengths:
         for radicand in (1, *ROOTS):
             for signed_length in (length, -length):
-                for part in _PARTS:
+                for part in _DRAWN_MULTIPLES:
                     number = constants.exact(part * signed_length, radicand)
                     parts.append((float(number), number))
     return parts
@@ -255,7 +285,7 @@ def _parts(lengths: tuple[Fraction, ...]) -> list[tuple[float, ExactNumber]]:
 
 def _on_grid(value: float) -> ExactNumber | None:
     """Return a length in m as a multiple of a step of drawings, or of one multiplied by a root."""
-    for radicand, steps in _GRIDS.items():
+    for radicand, steps in _STEPS_PER_METRE.items():
         root = math.sqrt(radicand)
         count = round(value / root * steps)
         if abs(count / steps * root - value) <= LENGTH_TOLERANCE:

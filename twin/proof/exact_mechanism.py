@@ -73,7 +73,7 @@ class ExactMechanism:
         fewest = np.inf  # numbers of the body's joints and points without an exact form
         for reference in references:
             inverse_reference = spatial.inverse(reference)
-            trial = self.drawing.fresh()
+            trial = self.drawing.for_one_state()
             for frame in frames:
                 trial.steps(inverse_reference @ frame, body)
             for p in points:

@@ -12,13 +12,13 @@ from twin.proof import formula_side, trigonometric
 from twin.proof.instructions import OPERATION_NAMES, instructions
 from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
 
-_ROUNDED = 2.0**-50
+_CONSTANT_ROUNDING = 2.0**-50
 """Relative error of a constant of the equations."""
 
 _ANGULAR = ("deg", "rad")
 """Units of parameters that are angles."""
 
-_BINARY = 1024.0
+_EXACT_STEPS = 1024.0
 """Multiples of the reciprocal of this are taken as they are."""
 
 
@@ -92,12 +92,12 @@ def _parameters(
         value = float(parameter.value)
         tolerance = tolerances.get(parameter.name, 0.0)
         if parameter.unit in _ANGULAR:
-            operands.append(AngleSum({}, value, abs(value) * _ROUNDED + tolerance))
+            operands.append(AngleSum({}, value, abs(value) * _CONSTANT_ROUNDING + tolerance))
         elif tolerance and is_needed:
             operands.append(trigonometric.variable(place, value, tolerance))
             place += 1
         else:
-            operands.append(trigonometric.constant(value, abs(value) * _ROUNDED))
+            operands.append(trigonometric.constant(value, abs(value) * _CONSTANT_ROUNDING))
     return operands
 
 
@@ -123,8 +123,8 @@ def _evaluate(name: str, function: ca.Function, inputs: list[list[Operand]]) -> 
 def _constant(value: float) -> TrigonometricSum:
     """Return a constant of the equations; one that is no multiple of 1/1024 has been rounded."""
     radius = 0.0
-    if value != round(value * _BINARY) / _BINARY:
-        radius = abs(value) * _ROUNDED
+    if value != round(value * _EXACT_STEPS) / _EXACT_STEPS:
+        radius = abs(value) * _CONSTANT_ROUNDING
     return trigonometric.constant(value, radius)
 
 
@@ -209,7 +209,7 @@ def _scaled(angle: AngleSum, factor: int) -> AngleSum:
     if factor:  # no multiple is 0
         for place, multiple in angle.multiples.items():
             multiples[place] = factor * multiple
-    radius = abs(factor) * angle.radius + abs(factor * angle.phase) * _ROUNDED
+    radius = abs(factor) * angle.radius + abs(factor * angle.phase) * _CONSTANT_ROUNDING
     return AngleSum(multiples, factor * angle.phase, radius)
 
 
@@ -221,7 +221,7 @@ def _turned(a: AngleSum, b: AngleSum) -> AngleSum:
         if not multiples[place]:
             del multiples[place]
     phase = a.phase + b.phase
-    return AngleSum(multiples, phase, a.radius + b.radius + abs(phase) * _ROUNDED)
+    return AngleSum(multiples, phase, a.radius + b.radius + abs(phase) * _CONSTANT_ROUNDING)
 
 
 def _reciprocal(name: str, value: TrigonometricSum) -> TrigonometricSum:
@@ -235,5 +235,5 @@ def _reciprocal(name: str, value: TrigonometricSum) -> TrigonometricSum:
         raise TwinError(f"{name}: the forward equations divide by a value that depends on the joints, or that may be 0")
     inverse = 1.0 / centre
     # |1/c - 1/x| = |x - c| / |c x|, at most with |x - c| = radius towards 0
-    spread = radius / (abs(centre) * (abs(centre) - radius)) * (1 + 8 * _ROUNDED)
-    return trigonometric.constant(inverse, spread + abs(inverse) * _ROUNDED)
+    spread = radius / (abs(centre) * (abs(centre) - radius)) * (1 + 8 * _CONSTANT_ROUNDING)
+    return trigonometric.constant(inverse, spread + abs(inverse) * _CONSTANT_ROUNDING)

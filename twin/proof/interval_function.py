@@ -20,10 +20,10 @@ from twin.proof import intervals
 from twin.proof.instructions import instructions
 from twin.proof.intervals import Certainty, Intervals
 
-_ROUNDED = 2.0**-50
+_CONSTANT_ROUNDING = 2.0**-50
 """Relative error of a constant that is no small binary fraction: a decimal, pi, or a root that was computed."""
 
-_BINARY = 1024.0
+_EXACT_STEPS = 1024.0
 """Multiples of the reciprocal of this are taken as they are."""
 
 _NO_RESULT = -1
@@ -34,9 +34,9 @@ def constant(value: float) -> Intervals:
     """Return a constant of the equations; one that is no multiple of 1/1024 has been rounded."""
     if not math.isfinite(value):
         return intervals.unknown(())
-    if value * _BINARY == round(value * _BINARY):
+    if value * _EXACT_STEPS == round(value * _EXACT_STEPS):
         return intervals.exactly(value)
-    return intervals.around(value, abs(value) * _ROUNDED)
+    return intervals.around(value, abs(value) * _CONSTANT_ROUNDING)
 
 
 def _truth(certain: Certainty, possible: Certainty) -> Intervals:

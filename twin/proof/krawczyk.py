@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.proof import intervals
 from twin.proof.intervals import Certainty, Intervals
 
-_BOXES = 3
+_MOST_BOXES = 3
 """Number of boxes that are tried around a prediction, each wider than the one before."""
 
 _FIRST_FACTOR = 1.3
@@ -28,7 +28,7 @@ _NEXT_FACTOR = 1.1
 _SMALLEST_RADIUS = 1e-9
 """Smallest radius of a tried box, in m or rad."""
 
-_POWERS = 4
+_POWER_STEPS = 4
 """Number of steps in which a vector approaches that of the largest eigenvalue."""
 
 _KEPT_SHARE = 1e-3
@@ -84,7 +84,7 @@ def solve(
     radius = np.maximum(_FIRST_FACTOR * shift.largest, _SMALLEST_RADIUS)
     solved = np.zeros(len(m), bool)
     x = intervals.unknown(m.shape)
-    for _ in range(_BOXES):
+    for _ in range(_MOST_BOXES):
         box = intervals.around(m, radius)
         contraction = _contraction(inverse, jacobian(box))
         mapped = centre - shift + intervals.product(contraction, (box - m)[..., None])[..., 0]
@@ -133,7 +133,7 @@ def regular(matrices: Intervals) -> Certainty:
     magnitude = _contraction(_inverses(matrices.middle), matrices).largest
     v = np.ones(magnitude.shape[:-1])
     with np.errstate(all="ignore"):
-        for _ in range(_POWERS):
+        for _ in range(_POWER_STEPS):
             # the part of v before keeps a component positive that no power reaches; so does the number that is added
             v = (magnitude @ v[..., None])[..., 0] + _KEPT_SHARE * v
             v = v / v.max(axis=-1, keepdims=True) + _SMALLEST_COMPONENT

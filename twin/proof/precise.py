@@ -18,13 +18,13 @@ from twin.proof.program import ProgramStep, Row
 _DIGITS = 60
 """Number of digits."""
 
-_UNIT = 1e-58
+_ROUNDING = 1e-58
 """Bound of the relative rounding error of an operation, which is at most 5e-60, with a margin."""
 
-_SLACK = 1 + 1e-12
+_BOUND_MARGIN = 1 + 1e-12
 """Factor by which bounds are increased, because they are computed in double precision."""
 
-_ANGLE = 1e-14
+_ANGLE_ERROR = 1e-14
 """Error in rad of an angle, which has double precision."""
 
 
@@ -119,7 +119,7 @@ def _constant(row: Row) -> PreciseNumber | None:
         exact = Fraction(fraction)
         root = Decimal(radicand.rstrip(")")).sqrt()
         term = Decimal(exact.numerator) / Decimal(exact.denominator) * root
-        total = _sum(total, PreciseNumber(term, abs(float(term)) * _UNIT))
+        total = _sum(total, PreciseNumber(term, abs(float(term)) * _ROUNDING))
     return total
 
 
@@ -137,7 +137,7 @@ def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float |
         part = 2 * t
         if name == "cosine":
             part = 1 - t * t
-        return PreciseNumber(part / (1 + t * t), _UNIT)
+        return PreciseNumber(part / (1 + t * t), _ROUNDING)
     operands = [results[int(place)] for place in row[1:]]
     if name == "choose":
         condition, if_true, if_false = operands
@@ -168,18 +168,18 @@ def _cosine_or_sine(name: str, t: Fraction) -> PreciseNumber:
 
 def _fraction(x: Fraction) -> PreciseNumber:
     value = Decimal(x.numerator) / Decimal(x.denominator)
-    return PreciseNumber(value, abs(float(value)) * _UNIT)
+    return PreciseNumber(value, abs(float(value)) * _ROUNDING)
 
 
 def _sum(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:
     value = a.value + b.value
-    return PreciseNumber(value, (a.error + b.error + abs(float(value)) * _UNIT) * _SLACK)
+    return PreciseNumber(value, (a.error + b.error + abs(float(value)) * _ROUNDING) * _BOUND_MARGIN)
 
 
 def _product(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:
     value = a.value * b.value
     error = a.size * b.error + b.size * a.error + a.error * b.error
-    return PreciseNumber(value, (error + abs(float(value)) * _UNIT) * _SLACK)
+    return PreciseNumber(value, (error + abs(float(value)) * _ROUNDING) * _BOUND_MARGIN)
 
 
 def _reciprocal(a: PreciseNumber) -> PreciseNumber | None:
@@ -188,7 +188,7 @@ def _reciprocal(a: PreciseNumber) -> PreciseNumber | None:
     if not a.size > 2 * a.error:
         return None
     value = 1 / a.value
-    return PreciseNumber(value, (2 * a.error / a.size**2 + abs(float(value)) * _UNIT) * _SLACK)
+    return PreciseNumber(value, (2 * a.error / a.size**2 + abs(float(value)) * _ROUNDING) * _BOUND_MARGIN)
 
 
 def _root(a: PreciseNumber) -> PreciseNumber | None:
@@ -199,7 +199,7 @@ def _root(a: PreciseNumber) -> PreciseNumber | None:
     spread = math.sqrt(2 * a.error)  # the root of a sum is at most the sum of the roots
     if a.error < float(a.value):
         spread = min(spread, a.error / float(value))
-    return PreciseNumber(value, (spread + float(value) * _UNIT) * _SLACK)
+    return PreciseNumber(value, (spread + float(value) * _ROUNDING) * _BOUND_MARGIN)
 
 
 _NUMERIC: dict[str, Callable[..., _Result]] = {
@@ -208,7 +208,7 @@ _NUMERIC: dict[str, Callable[..., _Result]] = {
     "negative": lambda a: PreciseNumber(-a.value, a.error),
     "inverse": _reciprocal,
     "root": _root,
-    "angle": lambda x, y: PreciseNumber(Decimal(math.atan2(y.value, x.value)), _ANGLE),
+    "angle": lambda x, y: PreciseNumber(Decimal(math.atan2(y.value, x.value)), _ANGLE_ERROR),
     "less": lambda a, b: a.value < b.value,
     "at most": lambda a, b: a.value <= b.value,
     "equal": lambda a, b: a.value == b.value,

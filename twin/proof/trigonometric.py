@@ -28,10 +28,10 @@ _BASE = 32
 _LARGEST_EXPONENT = 15
 """Largest magnitude of an exponent."""
 
-_SHARE = 2.0**-50
+_PRODUCT_ROUNDING = 2.0**-50
 """Relative rounding error of a product of complex numbers (at most 2.24 times 2^-53), with a margin."""
 
-_SMALL = 1e-9
+_SMALL_BOUND = 1e-9
 """Length in m below which a bound needs no improvement."""
 
 _NEGLIGIBLE = 1e-5
@@ -40,10 +40,10 @@ _NEGLIGIBLE = 1e-5
 _FURTHER_ROUNDINGS = 20
 """Number of roundings of a bound besides one for each of its terms, with a margin."""
 
-_TERMS = 400
+_MOST_SQUARED_TERMS = 400
 """Maximum number of terms that are squared."""
 
-_SUM_SHARE = 2.0**-52
+_SUM_ROUNDING = 2.0**-52
 """Relative rounding error of one addition of complex numbers, with a margin."""
 
 
@@ -92,7 +92,7 @@ class TrigonometricSum:
         size = np.abs(self.centre)
         other_size = np.abs(other.centre)
         radius = size[:, None] * other.radius + self.radius[:, None] * (other_size + other.radius)
-        radius = radius * (1 + 4 * _SHARE) + _SHARE * np.abs(centre).reshape(radius.shape)
+        radius = radius * (1 + 4 * _PRODUCT_ROUNDING) + _PRODUCT_ROUNDING * np.abs(centre).reshape(radius.shape)
         return _collected(keys, centre, radius.ravel(), degree)
 
     def matrix_product(self, other: TrigonometricSum) -> TrigonometricSum:
@@ -108,7 +108,7 @@ class TrigonometricSum:
         other_size = np.abs(other.centre)
         radius = size @ other.radius + self.radius[:, None] @ (other_size + other.radius)
         # each entry is the sum of four products
-        radius = radius * (1 + 16 * _SHARE) + 8 * _SHARE * (size @ other_size)
+        radius = radius * (1 + 16 * _PRODUCT_ROUNDING) + 8 * _PRODUCT_ROUNDING * (size @ other_size)
         shape = (keys.size, *centre.shape[2:])
         return _collected(keys, centre.reshape(shape), radius.reshape(shape), degree)
 
@@ -132,7 +132,7 @@ class TrigonometricSum:
         small = largest_entries < limit
         if not small.any():
             return self
-        replaced = size[small].sum(axis=0) * (1 + (small.sum() + 2) * _SHARE)
+        replaced = size[small].sum(axis=0) * (1 + (small.sum() + 2) * _PRODUCT_ROUNDING)
         keys = np.concatenate([self.keys[~small], np.zeros(1, np.int64)])
         centre = np.concatenate([self.centre[~small], np.zeros((1, *self.centre.shape[1:]), complex)])
         radius = np.concatenate([self.radius[~small], replaced[None]])
@@ -166,7 +166,7 @@ class TrigonometricSum:
         if size.ndim > 1:
             axes = tuple(range(1, size.ndim))
             terms = np.sqrt((size**2).sum(axis=axes))
-        return float(terms.sum() * (1 + (terms.size + _FURTHER_ROUNDINGS) * _SHARE))
+        return float(terms.sum() * (1 + (terms.size + _FURTHER_ROUNDINGS) * _PRODUCT_ROUNDING))
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def matrix(T: Array, radius: Array | float = 0.0) -> TrigonometricSum:
 def variable(place: int, middle: float, spread: float) -> TrigonometricSum:
     """Return a number between `middle - spread` and `middle + spread`, the variable with a place."""
     keys = np.array([0, _unit(place)], np.int64)
-    radius = np.array([abs(middle), abs(spread)]) * _SUM_SHARE
+    radius = np.array([abs(middle), abs(spread)]) * _SUM_ROUNDING
     return TrigonometricSum(keys, np.array([middle + 0j, spread + 0j]), radius, 1)
 
 
@@ -270,16 +270,16 @@ def length_bound(vectors: TrigonometricSum, lengths: Sequence[int]) -> float:
     total = 0.0
     for column in vectors.split(lengths):
         smallest = column.bound()
-        if smallest > _SMALL:
+        if smallest > _SMALL_BOUND:
             size = np.sort(np.abs(column.centre).max(axis=(1, 2)))
-            limit = max(_NEGLIGIBLE * smallest, float(size[-min(_TERMS, size.size)]))
+            limit = max(_NEGLIGIBLE * smallest, float(size[-min(_MOST_SQUARED_TERMS, size.size)]))
             large = column.pruned(limit)
             # the square has twice the exponents; without it the bound is only less sharp
             if 2 * int(np.abs(large.exponents()).max(initial=0)) <= _LARGEST_EXPONENT:
                 square = transposed(large).matrix_product(large)
-                smallest = min(smallest, float(np.sqrt(square.bound()) * (1 + _SHARE)))
+                smallest = min(smallest, float(np.sqrt(square.bound()) * (1 + _PRODUCT_ROUNDING)))
         total += smallest
-    return total * (1 + 100 * _SHARE)
+    return total * (1 + 100 * _PRODUCT_ROUNDING)
 
 
 def part(matrices: TrigonometricSum, rows: slice, columns: slice) -> TrigonometricSum:
@@ -313,5 +313,5 @@ def _collected(keys: Keys, centre: Complexes, radius: Array, degree: int) -> Tri
     size = np.add.reduceat(np.abs(centre[order]), starts)
     radii = np.add.reduceat(radius[order], starts)
     # a sum of n terms in any order has a relative error of at most n - 1 additions of the magnitudes
-    total = radii * (1 + counts * _SUM_SHARE) + (counts - 1) * _SUM_SHARE * size
+    total = radii * (1 + counts * _SUM_ROUNDING) + (counts - 1) * _SUM_ROUNDING * size
     return TrigonometricSum(unique, sums, total, degree)
