@@ -379,7 +379,7 @@ def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, fold
         front.clock.duration = playback.duration
         front.move_to_clock()
         front.scenery.follow()
-        balls, lines = front.scenery._trocar_balls, front.scenery._shaft_lines
+        balls, lines = front.scenery.trocars._trocar_balls, front.scenery.trocars._shaft_lines
         assert len(balls) == len(lines) == 2
         for n, place in made.MOVED.items():
             ball = balls[f"{made.NAME}/{n}"]

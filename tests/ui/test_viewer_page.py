@@ -393,7 +393,7 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
         until(lambda b=before: sils.differs(b) < 1e-4, f"{name} gone")
     for view in ("top", "along the shaft", "overview"):
         before = sils.clients[0].camera.position.copy()
-        sils.front.scenery.look(view, None)
+        sils.front.scenery.cameras.look(view, None)
         until(lambda b=before: np.linalg.norm(sils.clients[0].camera.position - b) > 0.05, view)
     np.testing.assert_array_equal(movable.assembly.q, q)
     hand.playback, hand.protocol = before_it

@@ -1,4 +1,4 @@
-"""Surroundings of the robots (floor, table, patient, trocars, shafts, tip paths), cameras, sections and pictures."""
+"""Surroundings of the robots (floor, table, patient, tip paths), sections and pictures, and the controls of these."""
 
 from __future__ import annotations
 
@@ -15,22 +15,26 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.ui.session.drawn_parts import drawn_parts
 from twin.ui.session.patient import none_there, patient_of
-from twin.ui.session.trocars import InTrocar, in_trocars, rcm_at
+from twin.ui.session.trocars import in_trocars, rcm_at
 from twin.ui.viewer import view_export
+from twin.ui.viewer.camera_views import VIEWS, CameraViews
 from twin.ui.viewer.drawn_nodes import DrawnNodes, add_person
 from twin.ui.viewer.front import Front, ShownRobot
-from twin.ui.viewer.robot_nodes import BLUE, ORANGE, RobotNodes
-from twin.ui.viewer.surroundings import OUTSIDE_FOV_DEG, OUTSIDE_VIEWS, corners, furnish
-
-VIEWS = (*OUTSIDE_VIEWS, "along the shaft", "endoscope", "microscope")
-ENDOSCOPE_FOV_DEG = 70
-"""Vertical angle of view in deg of the camera in the endoscope view, as of a common laparoscope."""
+from twin.ui.viewer.robot_nodes import BLUE, RobotNodes
+from twin.ui.viewer.surroundings import corners, furnish
+from twin.ui.viewer.trocar_nodes import TrocarNodes
 
 _SECTION_CHOICES = ("none", "x", "y", "z")
 
 
 class Scenery:
-    """The surroundings of all robots, and the cameras of the browsers."""
+    """The surroundings of all robots.
+
+    Attributes:
+        cameras: preset views of the browsers' cameras.
+        trocars: scene nodes of trocars and shafts.
+        props: scene nodes of the scene's props; None: no props.
+    """
 
     def __init__(self, front: Front, props: Mechanism | None) -> None:
         self.front = front
@@ -55,14 +59,12 @@ class Scenery:
         self._floor = floor
         self._patients: dict[str, RobotNodes] = {}
         self._patient_shown = False
-        self._gizmo_wanted = True
-        self._is_endoscope_view = False
+        self.cameras = CameraViews(front, self.middle, self.size)
         self._trail_nodes: dict[str, list[viser.SceneNodeHandle]] = {}
         self._trail_shown = True
         # which of the displays "labels", "frames" and "axes" are switched on
         self._shown_labels: set[str] = set()
-        self._shaft_lines: dict[str, viser.LineSegmentsHandle] = {}
-        self._trocar_balls: dict[str, viser.IcosphereHandle] = {}
+        self.trocars = TrocarNodes(front.server)
         self._section: tuple[int, float] | None = None
         self._export_lock = threading.Lock()
         self._drawn_section: tuple | None = None
@@ -129,10 +131,7 @@ class Scenery:
         self._patients.pop(robot, None)
         self._drawn_nodes.pop(robot, None)
         self._drawn_section = None
-        for key in list(self._shaft_lines):
-            if key == robot or key.startswith(f"{robot}/"):
-                del self._shaft_lines[key]
-                del self._trocar_balls[key]
+        self.trocars.forget(robot)
 
     def redraw(self, robot: str) -> None:
         """Show names, frames and joint axes, if they are switched on, at the new scene nodes of a robot."""
@@ -156,37 +155,10 @@ class Scenery:
         if self._trail_shown:
             for robot in self.front.robots:
                 trocars = in_trocars(robot.movable, rcm_at(robot.playback, self.front.clock.time))
+                size = self.front.nodes[robot.name].size
                 for trocar in trocars:
-                    shown_keys.add(self._draw_trocar(robot, trocar, len(trocars) > 1))
-        for key in self._shaft_lines.keys() - shown_keys:
-            self._shaft_lines[key].visible = False
-            self._trocar_balls[key].visible = False
-
-    def _draw_trocar(self, robot: ShownRobot, trocar: InTrocar, several: bool) -> str:
-        """Draw a trocar and its shaft; return the key of their scene nodes. `several`: the robot has other trocars."""
-        key = robot.name
-        suffix = ""
-        if several:
-            key = f"{robot.name}/{trocar.name}"
-            suffix = f"_{trocar.name}"
-        size = self.front.nodes[robot.name].size
-        tip = trocar.tip
-        if tip is None:
-            tip = trocar.place + 0.12 * size * trocar.axis
-        ends = np.array([[tip, trocar.place - 0.12 * size * trocar.axis]], np.float32)
-        if key not in self._shaft_lines:
-            self._shaft_lines[key] = self.scene.add_line_segments(
-                f"/{robot.name}/shaft_axis{suffix}", ends, ORANGE, thickness=2.0, thickness_units="screen"
-            )
-            self._trocar_balls[key] = self.scene.add_icosphere(
-                f"/{robot.name}/rcm{suffix}", 0.007 * size, ORANGE, cast_shadow=False
-            )
-        self._shaft_lines[key].points = ends
-        self._trocar_balls[key].position = trocar.place
-        error = np.linalg.norm(np.cross(trocar.place - tip, trocar.axis))
-        self._trocar_balls[key].visible = True
-        self._shaft_lines[key].visible = bool(error < 2 * MM)
-        return key
+                    shown_keys.add(self.trocars.draw(robot, size, trocar, len(trocars) > 1))
+        self.trocars.hide_others(shown_keys)
 
     # -- the panel ------------------------------------------------------------------------------------
 
@@ -196,8 +168,8 @@ class Scenery:
         front = self.front
         views = gui.add_dropdown("camera", VIEWS)
         look = gui.add_button("Look from there")
-        look.on_click(lambda e: self.look(views.value, e.client))
-        views.on_update(lambda e: self.look(views.value, e.client))
+        look.on_click(lambda e: self.cameras.look(views.value, e.client))
+        views.on_update(lambda e: self.cameras.look(views.value, e.client))
         with gui.add_folder("Show"):
             boxes = {
                 "floor": (True, lambda v: setattr(self.grid, "visible", v)),
@@ -207,7 +179,7 @@ class Scenery:
                 "link names": (False, self._labels),
                 "link frames": (False, self._frames),
                 "joint axes": (False, self._axes),
-                "gizmo at the tool": (True, self.gizmo),
+                "gizmo at the tool": (True, self.cameras.show_gizmo),
                 "dark": (False, self.dark),
             }
             if self.props is not None:
@@ -317,11 +289,6 @@ class Scenery:
             self.grid.cell_color = (205, 211, 219)
             self.grid.section_color = (186, 194, 204)
 
-    def gizmo(self, on: bool) -> None:
-        """Show or hide the handle (gizmo) at the tool; it is always hidden in the endoscope view."""
-        self._gizmo_wanted = on
-        self.front.gizmo.visible = on and not self._is_endoscope_view
-
     def see_through(self, on: bool) -> None:
         """Draw the scene's props transparent (True), to show instruments in the patient, or opaque (False)."""
         assert self.props is not None
@@ -382,44 +349,3 @@ class Scenery:
                 normal[axis] = 1.0
                 point = node.box[0] + part * (node.box[1] - node.box[0])
             node.section(a.movable.assembly.link_poses, point, normal)
-
-    def look(self, view: str, client: viser.ClientHandle | None) -> None:
-        """Move the camera of a browser to a preset view; if `client` is None, move the cameras of all browsers."""
-        clients = list(self.front.server.get_clients().values())
-        if client is not None:
-            clients = [client]
-        eye, target, up = self.camera(view)
-        inside = view == "endoscope"
-        self._is_endoscope_view = inside
-        self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would cover the endoscope view
-        for viewing_client in clients:
-            with viewing_client.atomic():
-                viewing_client.camera.up_direction = up
-                viewing_client.camera.position = eye
-                viewing_client.camera.look_at = target
-                viewing_client.camera.fov = (ENDOSCOPE_FOV_DEG if inside else OUTSIDE_FOV_DEG) * DEG
-                viewing_client.camera.near = 0.001 if inside else 0.01
-
-    def camera(self, view: str) -> tuple[Array, Array, Array]:
-        """Return (camera position, target, up vector) of a preset view, each (3,) in m in the world frame."""
-        robot = self.front.active
-        node = self.front.nodes[robot.name]
-        tip, axis = robot.movable.shaft()
-        size = node.size * robot.scale
-        up = np.array([0.0, 0.0, 1.0])
-        if view in OUTSIDE_VIEWS:
-            return self.middle + self.size * OUTSIDE_VIEWS[view], self.middle, up
-        if view == "endoscope":
-            lens, sight, above = (node.to_world(point) for point in robot.movable.camera())
-            return lens, sight, (above - lens) / np.linalg.norm(above - lens)
-        tip_world = node.to_world(tip)
-        if view == "microscope":
-            return tip_world + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), tip_world, up
-        along = node.to_world(tip + axis) - tip_world
-        along /= np.linalg.norm(along)
-        side = up
-        # beside a vertical shaft, the vertical cannot be the upward direction of the picture
-        if abs(along[2]) > 0.9:
-            x_base = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))
-            side = x_base / np.linalg.norm(x_base)
-        return tip_world - 0.6 * size * along + 0.04 * size * side, tip_world, side
