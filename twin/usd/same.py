@@ -11,27 +11,27 @@ from pxr import Sdf
 from twin.core.spatial import Array
 from twin.core.units import DEG
 
-_NUMBER = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
+_NUMBER_FORM = re.compile(r"(?<![\w.])-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w.])")
 
-ABSOLUTE = 1e-9
+ABSOLUTE_TOL = 1e-9
 """Absolute tolerance in m and rad for joint frames and meshes in single precision."""
 
-RELATIVE = 1e-6
+RELATIVE_TOL = 1e-6
 """Relative tolerance for joint frames and meshes in single precision."""
 
 
 def same_layer(first: Path, second: Path) -> bool:
-    """Return whether two layer files have the same content, with numbers equal within `ABSOLUTE` and `RELATIVE`.
+    """Return whether two layer files have the same content; numbers within `ABSOLUTE_TOL` and `RELATIVE_TOL` are equal.
 
     Files of the same robot may differ in some bytes, because processors round sums differently.
     """
     text_a = Sdf.Layer.OpenAsAnonymous(str(first)).ExportToString()
     text_b = Sdf.Layer.OpenAsAnonymous(str(second)).ExportToString()
-    if _NUMBER.sub("#", text_a) != _NUMBER.sub("#", text_b):
+    if _NUMBER_FORM.sub("#", text_a) != _NUMBER_FORM.sub("#", text_b):
         return False
     numbers_a, tolerances = _numbers(text_a)
     numbers_b, _ = _numbers(text_b)
-    close = np.isclose(numbers_a, numbers_b, rtol=RELATIVE, atol=tolerances, equal_nan=True)
+    close = np.isclose(numbers_a, numbers_b, rtol=RELATIVE_TOL, atol=tolerances, equal_nan=True)
     return bool(close.all())
 
 
@@ -42,13 +42,13 @@ def _numbers(text: str) -> tuple[Array, Array]:
     """
     numbers: list[str] = []
     tolerances: list[float] = []
-    tolerance = ABSOLUTE
+    tolerance = ABSOLUTE_TOL
     for line in text.splitlines():
         if " = " in line:  # an attribute begins; its samples are in the next lines
-            tolerance = ABSOLUTE
+            tolerance = ABSOLUTE_TOL
             if ":angular:" in line:
-                tolerance = ABSOLUTE / DEG
-        in_line = _NUMBER.findall(line)
+                tolerance = ABSOLUTE_TOL / DEG
+        in_line = _NUMBER_FORM.findall(line)
         numbers += in_line
         tolerances += [tolerance] * len(in_line)
     return np.array(numbers, float), np.array(tolerances)

@@ -48,7 +48,7 @@ from twin.exchange.audit.workspace_certificate import audit_workspace
 
 SCHEMA = "twin/certificate/1"
 
-LIMIT = 1e-25
+MAX_ROUNDING_ERROR = 1e-25
 """Largest rounding error at a state that counts: near a singularity, an error of 1e-60 becomes its root."""
 
 STATES = 24
@@ -57,10 +57,10 @@ STATES = 24
 _MAX_STATES = 2000
 """Maximum number of random states, within reach and beyond."""
 
-SAMPLED = 1e-8
+SAMPLE_TOLERANCE = 1e-8
 """Part by which a sample may be beyond a bound: errors of solvers, and of the series of a plan."""
 
-TOUCHING = 1e-12
+LIMIT_TOLERANCE = 1e-12
 """Distance in m or rad by which a joint may be beyond its limit."""
 
 SPEED_EXCESS = 1e-3
@@ -224,7 +224,7 @@ def _judge_claims(data: JsonMapping, ledger: Ledger) -> None:
         if record.states < STATES:
             text = f"only {record.states} of {_MAX_STATES} drawn states are within reach, {STATES} are needed"
             ledger.add("certificate.out_of_reach", "error", text, where)
-        ledger.row("claim", record.largest, "", LIMIT, where=where)
+        ledger.row("claim", record.largest, "", MAX_ROUNDING_ERROR, where=where)
         if record.wrong is not None:
             text = f"it does not hold that {claim['claim']}: a number that must be zero is {record.wrong:.3g}"
             ledger.wrong("certificate.wrong", text, where)
@@ -242,7 +242,7 @@ def _zeros_within_reach(claim: JsonMapping, values: Sequence[Number]) -> list[Bo
         if margin is None or margin[0] < 0:
             return None
     for _, error in zeros:
-        if not error <= LIMIT:  # also if the error is not a number
+        if not error <= MAX_ROUNDING_ERROR:  # also if the error is not a number
             return None
     return zeros
 
@@ -280,10 +280,10 @@ def _judge_motion(motion: JsonMapping, samples: MotionSampler, ledger: Ledger) -
             beyond = largest - float(row["at most"])
         relative = beyond / max(1.0, abs(smallest), abs(largest))
         worst = max(worst, relative)
-        if not relative <= SAMPLED:
+        if not relative <= SAMPLE_TOLERANCE:
             text = f"{name}: {row['kind']} {row['value']}: a sample is {sample:.6g}, beyond its bound by {beyond:.3g}"
             ledger.wrong("certificate.wrong", text, name)
-    ledger.row("protocol", worst, "", SAMPLED, where=name)
+    ledger.row("protocol", worst, "", SAMPLE_TOLERANCE, where=name)
     if not_sampled:
         ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(not_sampled)}", name)
 
@@ -300,7 +300,7 @@ def _within_limit(row: JsonMapping) -> bool:
     """Return whether the bound of a row is within its limit: a speed may exceed it by 1/1000, a joint by rounding."""
     limit = float(row["limit"])
     if "at least" in row:
-        return float(row["at least"]) >= limit - TOUCHING
+        return float(row["at least"]) >= limit - LIMIT_TOLERANCE
     if str(row["kind"]).endswith("speed"):
         limit *= 1.0 + SPEED_EXCESS
     return float(row["at most"]) <= limit

@@ -22,7 +22,7 @@ START_TOL = 1e-9
 RATE_TOL = 1e-3
 """Largest relative difference between an interval of keys and 1 / rate that counts as rounding."""
 
-FARTHEST = 50.0
+MAX_DISTANCE = 50.0
 """Distance in m between a link and the origin above which the unit of length is probably wrong."""
 
 
@@ -163,7 +163,7 @@ def check_poses(ledger: Ledger, clip: FileClip, code: str) -> None:
             ledger.wrong(f"{code}.finite", f"clip '{clip.name}': the pose of link '{name}' is not finite.", name)
             continue
         distances = np.linalg.norm(T[:, :3, 3], axis=1)
-        if len(distances) and np.max(distances) > FARTHEST:
+        if len(distances) and np.max(distances) > MAX_DISTANCE:
             farthest = float(np.max(distances))
             time = clip.times[int(np.argmax(distances))]
             text = (
@@ -175,7 +175,7 @@ def check_poses(ledger: Ledger, clip: FileClip, code: str) -> None:
                 "warning",
                 text,
                 name,
-                size=Measured(farthest, FARTHEST, "m"),
+                size=Measured(farthest, MAX_DISTANCE, "m"),
                 when=f"t = {time:.4g} s",
                 suggestion="check the unit",
             )

@@ -286,7 +286,9 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
     # Of the meshes of links: True or False; points (n, 3); {colour: share of the surface}.
     "shown": _equality("presence of a mesh", _MESH_MESSAGE),
     "collides": _equality("", _COLLIDER_MESSAGE, is_check=False),
-    "surface": ComparisonRule(differences.surface_difference, differences.ALIKE, "m", message=_surface_message),
+    "surface": ComparisonRule(
+        differences.surface_difference, differences.SAME_POINT_TOL, "m", message=_surface_message
+    ),
     "closed": _equality("closed or open meshes", _CLOSED_MESSAGE),
     "colours": ComparisonRule(color_difference, MAX_OTHER_SHARE, message=_share_message("a different colour")),
     "finish": ComparisonRule(

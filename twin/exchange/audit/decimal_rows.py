@@ -171,13 +171,13 @@ def _result(name: str, operands: Sequence[Number]) -> Number:
 
 def _add(a: Bounded, b: Bounded) -> Bounded:
     total = a[0] + b[0]
-    return total, (a[1] + b[1] + abs(float(total)) * _RELATIVE_ROUNDING) * _UP
+    return total, (a[1] + b[1] + abs(float(total)) * _RELATIVE_ROUNDING) * _ROUND_UP
 
 
 def _multiply(a: Bounded, b: Bounded) -> Bounded:
     product = a[0] * b[0]
     error = abs(float(a[0])) * b[1] + abs(float(b[0])) * a[1] + a[1] * b[1]
-    return product, (error + abs(float(product)) * _RELATIVE_ROUNDING) * _UP
+    return product, (error + abs(float(product)) * _RELATIVE_ROUNDING) * _ROUND_UP
 
 
 def _inverse(a: Bounded) -> Bounded | None:
@@ -186,7 +186,7 @@ def _inverse(a: Bounded) -> Bounded | None:
     if size <= a[1]:
         return None
     inverse = 1 / a[0]
-    return inverse, (a[1] / size / (size - a[1]) + abs(float(inverse)) * _RELATIVE_ROUNDING) * _UP
+    return inverse, (a[1] / size / (size - a[1]) + abs(float(inverse)) * _RELATIVE_ROUNDING) * _ROUND_UP
 
 
 def _root(x: Bounded) -> Bounded | None:
@@ -199,7 +199,7 @@ def _root(x: Bounded) -> Bounded | None:
     spread = math.sqrt(2 * error)
     if error < float(number):
         spread = min(spread, error / float(root))
-    return root, (spread + float(root) * _RELATIVE_ROUNDING) * _UP
+    return root, (spread + float(root) * _RELATIVE_ROUNDING) * _ROUND_UP
 
 
 def _angle(cosine: Bounded, sine: Bounded) -> Bounded:
@@ -207,7 +207,7 @@ def _angle(cosine: Bounded, sine: Bounded) -> Bounded:
     return Decimal(math.atan2(sine[0], cosine[0])), _ANGLE_ROUNDING
 
 
-_UP = 1 + 1e-12
+_ROUND_UP = 1 + 1e-12
 """Factor above the rounding errors of a bound in double precision."""
 
 _OPERATIONS: dict[str, Callable[..., Number]] = {

@@ -18,7 +18,7 @@ from twin.exchange.audit.motion_lines import JointLine, kind_of_lines, meeting_p
 from twin.exchange.audit.new_names import renamed
 from twin.exchange.audit.poses import Array
 
-_APART = 1e-3
+_MIN_TIE_DISTANCE = 1e-3
 """Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint.
 
 Also the minimum distance of a third point from the axis of the hinge that fixes the joint."""
@@ -127,11 +127,11 @@ def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
     first, second = _ends_of_ties(tied)
     origin, _ = tied[first]
     end, _ = tied[second]
-    if not np.linalg.norm(end - origin) > _APART:
+    if not np.linalg.norm(end - origin) > _MIN_TIE_DISTANCE:
         return "spherical"
     axis = unit(end - origin)
     for point, _ in tied:
-        if np.linalg.norm(np.cross(axis, point - origin)) > _APART:
+        if np.linalg.norm(np.cross(axis, point - origin)) > _MIN_TIE_DISTANCE:
             return "fixed"
     return "revolute"
 

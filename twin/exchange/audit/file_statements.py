@@ -11,7 +11,7 @@ from twin.exchange.formats import family, trust
 ROBOT = "robot"
 """Name of the statement that `compare_stated` compares with the mechanism."""
 
-_DIGITS = 1e-5
+_SAME_NUMBER_TOL = 1e-5
 """Relative difference of numbers that are written with six digits."""
 
 
@@ -71,5 +71,5 @@ def _report(name: str, stating: Sequence[Content], expected: object, source: str
 def same_value(a: object, b: object) -> bool:
     """Return whether two values are equal; numbers are equal within the digits of texts."""
     if isinstance(a, int | float) and isinstance(b, int | float):
-        return abs(a - b) <= _DIGITS * max(abs(a), abs(b))
+        return abs(a - b) <= _SAME_NUMBER_TOL * max(abs(a), abs(b))
     return bool(a == b)

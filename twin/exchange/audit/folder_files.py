@@ -11,7 +11,7 @@ from twin.core.foreign.budget import check_size
 from twin.exchange.format import Format
 from twin.exchange.formats import audit_formats
 
-MOST_FILES = 20_000
+MAX_FILES = 20_000
 """Maximum number of files in an audited folder."""
 
 SCENE = "scene.json"
@@ -80,8 +80,8 @@ def find_files(path: Path) -> FolderFiles:
             if syntax is not None:
                 check_size(file, syntax)
         # Whoever gives a home folder by mistake learns it here, before all of its files are searched.
-        if len(files) > MOST_FILES:
-            raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
+        if len(files) > MAX_FILES:
+            raise TwinError(f"{path} contains more than {MAX_FILES} files: give the folder of one export")
     folders_of_formats: list[Path] = []
     for format, folders in _folders_by_format(files):
         folder_files.files[format.name] = folders

@@ -16,13 +16,15 @@ PARAMETERS = "parameters"
 
 _ASSUMED = "ASSUMED"
 
-_LINE = re.compile(r"(?P<name>[^=]+?) = (?P<shown>-?(?:inf|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)) (?P<unit>[^:]*): ")
+_ASSUMED_LINE = re.compile(
+    r"(?P<name>[^=]+?) = (?P<shown>-?(?:inf|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)) (?P<unit>[^:]*): "
+)
 """Line of an assumed number: "name = value unit: reason"."""
 
-_DIGITS = 1e-5
+_SIX_DIGITS_TOL = 1e-5
 """Relative difference of a number and the same number with the six digits of such a line."""
 
-_EXACT = 1e-9
+_ALL_DIGITS_TOL = 1e-9
 """Relative difference of two numbers that are written with all their digits."""
 
 _FIELD_WORDS = {
@@ -57,7 +59,7 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
         if stage.stated.get(ROBOT) == robot:
             for name, row in stage.extra[PARAMETERS].items():
                 if name in expected and isinstance(row, Mapping):
-                    _compare(name, row, expected[name], MECHANISM, stage.ledger, _EXACT)
+                    _compare(name, row, expected[name], MECHANISM, stage.ledger, _ALL_DIGITS_TOL)
 
 
 def _compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content]) -> None:
@@ -67,14 +69,14 @@ def _compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content
     """
     stated: dict[str, JsonMapping] = {}
     for line in lines:
-        parts = _LINE.match(line)
+        parts = _ASSUMED_LINE.match(line)
         if parts is not None:
             row = {"shown": float(parts["shown"]), "unit": parts["unit"].strip(), "provenance": _ASSUMED}
             stated.setdefault(parts["name"].strip(), row)
     for stage in stages:
         for name, row in stage.extra.get(PARAMETERS, {}).items():
             if name in stated and isinstance(row, Mapping):
-                _compare(name, row, stated[name], source, stage.ledger, _DIGITS)
+                _compare(name, row, stated[name], source, stage.ledger, _SIX_DIGITS_TOL)
 
 
 def _compare(name: str, row: JsonMapping, expected: JsonMapping, source: str, ledger: Ledger, tolerance: float) -> None:

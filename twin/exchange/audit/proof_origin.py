@@ -13,16 +13,16 @@ from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.proof_form import WRITER, is_number, is_same_number
 from twin.exchange.audit.report import Ledger
 
-_SHA = re.compile(r"[0-9a-f]{64}")
+_SHA_FORM = re.compile(r"[0-9a-f]{64}")
 """Form of a sha256, in hexadecimal digits."""
 
-_MADE_BY = re.compile(r"twin \d+\.\d+\.\d+[\w.+-]*")
+_MADE_BY_FORM = re.compile(r"twin \d+\.\d+\.\d+[\w.+-]*")
 """Form of the name of a version of twin."""
 
 _PROTOCOLS = "trajectories"
 """Folder of a robot's protocols, each a file with the name of its motion."""
 
-_BUDGETS = (
+_BUDGET_CHECKS = (
     ("any point of a link, between keys", "m", "between_position_m", "budget_position_m"),
     ("rotation of a link, between keys", "rad", "between_rotation_rad", "budget_rotation_rad"),
     ("gap of a joint, between keys", "m", "joint_gap_m", "budget_joint_gap_m"),
@@ -50,7 +50,7 @@ def check_origin(proof: JsonMapping, contents: Sequence[Content], ledger: Ledger
         real = ", ".join(stated_names) or "not stated in a file"
         ledger.wrong("proof.robot", f"proof.json is of the robot '{robot}'; its name is {real}.", "robot")
     stated = proof["model_hash"]
-    if not _SHA.fullmatch(stated.removeprefix("sha256:")):
+    if not _SHA_FORM.fullmatch(stated.removeprefix("sha256:")):
         # Texts of a changed proof.json are quoted in part only: they may be of any length.
         ledger.wrong("proof.model_hash", f"model_hash '{stated[:80]}' is not a sha256 of 64 digits.", "model_hash")
     elif hashes and stated not in hashes:
@@ -58,7 +58,7 @@ def check_origin(proof: JsonMapping, contents: Sequence[Content], ledger: Ledger
         text = f"proof.json is of the model {stated[:23]}…, {file} of {real[:23]}…."
         ledger.wrong("proof.model_hash", text, "model_hash")
     made_by = proof["made_by"]
-    if not _MADE_BY.fullmatch(made_by):
+    if not _MADE_BY_FORM.fullmatch(made_by):
         ledger.wrong("proof.made_by", f"made_by '{made_by[:80]}' is not 'twin' with its version.", "made_by")
 
 
@@ -76,7 +76,7 @@ def check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> N
             ledger.wrong("proof.doubled", f"proof.json lists the input '{name}' twice.", "inputs")
         names.add(name)
         digits = sha.removeprefix("sha256:")
-        if not _SHA.fullmatch(digits):
+        if not _SHA_FORM.fullmatch(digits):
             text = f"the sha256 of the input '{name}' has not 64 hexadecimal digits."
             ledger.wrong("proof.input", text, name)
             continue
@@ -136,10 +136,10 @@ def check_clips(rows: Sequence[JsonMapping], contents: Sequence[Content], ledger
             if not is_number(row.get(key)):
                 ledger.wrong("proof.clip", f"clip '{name}' in proof.json has no number '{key}'.", key)
         limits = []
-        for _, _, _, limit in _BUDGETS:
+        for _, _, _, limit in _BUDGET_CHECKS:
             if limit in row:
                 limits.append(limit)
-        if len(limits) not in (0, len(_BUDGETS)):
+        if len(limits) not in (0, len(_BUDGET_CHECKS)):
             text = f"clip '{name}' in proof.json has {', '.join(limits)}, but not all limits."
             ledger.wrong("proof.clip", text, "budget")
     for name in sorted(tracks.keys() - listed):
@@ -153,7 +153,7 @@ def check_budgets(proof: JsonMapping, ledger: Ledger) -> None:
         if row.get("tool") == WRITER:
             rows[str(row.get("check")), str(row.get("file"))] = row
     for clip in proof["clips"]:
-        for check, unit, measured, limit in _BUDGETS:
+        for check, unit, measured, limit in _BUDGET_CHECKS:
             name = f"clip {clip.get('protocol')}"
             row = rows.pop((check, name), None)
             if row is None:

@@ -15,7 +15,7 @@ from twin.exchange.audit.poses import Array
 Value = Any
 """Value of a compared quantity: a truth value, number, text, tuple, array, or mapping; `QUANTITIES` says which."""
 
-ALIKE = 3e-6
+SAME_POINT_TOL = 3e-6
 """Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
 
 SLENDER_WEIGHT = 2e-3
@@ -176,7 +176,7 @@ def surface_difference(a: Array, b: Array) -> float:
         return 0.0
     to_b = _nearest(a, b)
     to_a = _nearest(b, a)
-    coinciding = min(np.mean(to_b < ALIKE), np.mean(to_a < ALIKE))
+    coinciding = min(np.mean(to_b < SAME_POINT_TOL), np.mean(to_a < SAME_POINT_TOL))
     least_coinciding = 0.2 if len(a) == len(b) else 0.7
     if coinciding < least_coinciding:
         return 0.0

@@ -14,14 +14,14 @@ from twin.model.mechanism import Mechanism
 DENSITY = 1000.0
 """Density of water in kg/m3, assumed for the bounding box of a body without a stated mass."""
 
-LEAST = 1e-3
+MIN_MASS = 1e-3
 """Minimum assumed mass in kg: simulators reject smaller masses."""
 
-_SIDE = 0.01
+_MIN_SIDE = 0.01
 """Minimum side in m of a bounding box: a flat or missing shape would have no volume, and so no mass."""
 
-_SHAPELESS = max(DENSITY * _SIDE**3, LEAST)
-"""Mass in kg that is assumed for a body without a shape: a cube with sides `_SIDE`."""
+_MASS_WITHOUT_SHAPE = max(DENSITY * _MIN_SIDE**3, MIN_MASS)
+"""Mass in kg that is assumed for a body without a shape: a cube with sides `_MIN_SIDE`."""
 
 
 def inertia_of(body: Body) -> Inertia:
@@ -34,8 +34,8 @@ def inertia_of(body: Body) -> Inertia:
         vertices = np.concatenate([mesh.vertices for mesh in body.meshes])
         low = vertices.min(axis=0)
         high = vertices.max(axis=0)
-    sides = np.maximum(high - low, _SIDE)
-    mass = max(DENSITY * float(np.prod(sides)), LEAST)
+    sides = np.maximum(high - low, _MIN_SIDE)
+    mass = max(DENSITY * float(np.prod(sides)), MIN_MASS)
     # A box with sides a, b, c has the moments m / 12 (b2 + c2), m / 12 (a2 + c2), m / 12 (a2 + b2).
     moments = mass / 12 * (np.sum(sides**2) - sides**2)
     return Inertia(mass, 0.5 * (low + high), np.diag(moments))
@@ -68,7 +68,7 @@ def unweighed(mechanism: Mechanism, file: str) -> Iterator[Finding]:
                 without_shape.append(body.name)
     for names, assumed in (
         (", ".join(with_shape), "its bounding box filled with water"),
-        (", ".join(without_shape), f"{_SHAPELESS * 1000:g} g, because it has no shape"),
+        (", ".join(without_shape), f"{_MASS_WITHOUT_SHAPE * 1000:g} g, because it has no shape"),
     ):
         if names:
             text = f"{file}: the mass of {names} is unknown, but the format requires one; the file assumes {assumed}"

@@ -9,7 +9,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
 
-_WORDS = {
+_FIELD_WORDS = {
     "max_speed": "maximum speeds",
     "max_acceleration": "maximum accelerations",
     "max_jerk": "maximum jerks",
@@ -27,7 +27,7 @@ def left_out(mechanism: Mechanism, file: str, *fields: str) -> Iterator[Finding]
     for field in fields:
         names = _having(mechanism.joints, field)
         if names:
-            yield info("export.left_out", names, f"{file}: the format cannot hold the {_WORDS[field]} of {names}")
+            yield info("export.left_out", names, f"{file}: the format cannot hold the {_FIELD_WORDS[field]} of {names}")
 
 
 def limits_left_out(mechanism: Mechanism, file: str) -> Iterator[Finding]:

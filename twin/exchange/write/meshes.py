@@ -43,13 +43,13 @@ def _obj(mesh: Mesh) -> str:
     vertices = np.round(np.asarray(mesh.vertices, float) / MM, DECIMALS) + 0.0
     lines = [f"# {mesh.name}, in mm"]
     for x, y, z in vertices.tolist():
-        lines.append(f"v {_short(x)} {_short(y)} {_short(z)}")
+        lines.append(f"v {_coordinate_text(x)} {_coordinate_text(y)} {_coordinate_text(z)}")
     indices = np.asarray(mesh.triangles) + 1  # OBJ counts from 1
     for a, b, c in indices.tolist():
         lines.append(f"f {a} {b} {c}")
     return "\n".join(lines) + "\n"
 
 
-def _short(value: float) -> str:
+def _coordinate_text(value: float) -> str:
     """Return a number with `DECIMALS` decimals, without zeros at the end."""
     return f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")

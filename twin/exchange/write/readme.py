@@ -26,7 +26,7 @@ _CONVENTIONS = (
 )
 """Lines on units, frames and orders of numbers."""
 
-_UNTRIED = (
+_UNTESTED = (
     "- These files have not been shown on a physical headset, an iPhone or a graphics card.",
     "- The Unity editor has not run the Unity package: its C# was compiled and tested against a stub of UnityEngine. "
     "The package has a self-test to be run in the editor.",
@@ -51,7 +51,7 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
         ("Motions", list(_motions(order))),
         ("How to use it", uses),
         ("Findings of the export", messages or ["- nothing"]),
-        ("What has not been tested", _UNTRIED),
+        ("What has not been tested", _UNTESTED),
         ("Assumed: numbers that are not published", list(_assumed(order))),
     ):
         lines += [title, "-" * len(title), *_wrapped(body), ""]

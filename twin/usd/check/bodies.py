@@ -30,7 +30,7 @@ GYRATION_RANGE = (0.02, 1.0)
 EXTENT_TOL = 1e-4
 """Maximum difference of an extent from the points, divided by the diagonal of their bounding box."""
 
-FLAT = 1e-7
+SHEET_VOLUME = 1e-7
 """Volume per surface area and diagonal of the bounding box below which a closed mesh is a sheet with two sides."""
 
 MAX_LINK_DIAGONAL = 20.0
@@ -270,7 +270,7 @@ def _check_winding(scene: RawStage, path: str, points: Array, triangles: np.ndar
     normals = np.cross(b - a, c - a)
     area = float(np.linalg.norm(normals, axis=1).sum() / 2) * scene.meters**2
     diagonal = float(np.linalg.norm(high - low)) * scene.meters
-    if volume < -FLAT * area * diagonal:
+    if volume < -SHEET_VOLUME * area * diagonal:
         yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)
 
 

@@ -41,10 +41,10 @@ from twin.usd.scan import RawStage, first_reason
 
 __all__ = ["inspect_stage", "made_from", "read_motion", "read_stage", "with_tool"]
 
-_ALIGNED = 1e-9
+_ORIGIN_TOL = 1e-9
 """Maximum difference of a pose from the identity, in m or 1, at which a body counts as placed at the origin."""
 
-_ROUNDED = 1e-5
+_FRAME_ROUNDING = 1e-5
 """Maximum difference of two poses, in m or 1, that counts as a rounding error of a joint's frames."""
 
 
@@ -124,7 +124,7 @@ def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding
         bake_scale(scene, prim, notes)
     T_world_body = dict(zip(selection.bodies, scene.poses(prims)[:, 0], strict=True))
     T_world_chosen = T_world_body.get(selection.base, np.eye(4))
-    at_origin = np.allclose(T_world_chosen, np.eye(4), rtol=0.0, atol=_ALIGNED)
+    at_origin = np.allclose(T_world_chosen, np.eye(4), rtol=0.0, atol=_ORIGIN_TOL)
     base = selection.base
     if selection.floats or not at_origin:
         base = ""
@@ -266,7 +266,7 @@ def _mount(
         deviation = stated.relative(np.eye(4), T_world_body)
     else:
         deviation = stated.relative(T_world_body, np.eye(4))
-    if np.allclose(deviation, np.eye(4), rtol=0.0, atol=_ROUNDED):
+    if np.allclose(deviation, np.eye(4), rtol=0.0, atol=_FRAME_ROUNDING):
         return at_pose
     return stated
 

@@ -20,7 +20,7 @@ from twin.core import spatial
 from twin.core.errors import StageError, unknown
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.usd.write.geometry import RESERVED, write_geometry
+from twin.usd.write.geometry import RESERVED_NAMES, write_geometry
 from twin.usd.write.layers import root_layer
 from twin.usd.write.motion_layer import BakedMotion, MotionFiles, write_motion
 from twin.usd.write.physics_layer import write_physics
@@ -62,7 +62,7 @@ def write_stage(
     folder = Path(folder)
     bodies = sorted(body.name for body in mechanism.bodies)
     for name in bodies:
-        if name in RESERVED:
+        if name in RESERVED_NAMES:
             raise StageError(f"{mechanism.name}: a body cannot have the name '{name}', which is reserved for a scope")
     for name in bodies:
         if name not in link_poses:

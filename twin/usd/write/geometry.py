@@ -15,13 +15,13 @@ from twin.model.mechanism import Mechanism, Point
 from twin.usd import gf
 from twin.usd.write.layers import LeafNames, describe, new_layer, save
 
-CREASE = 30 * DEG
+CREASE_ANGLE = 30 * DEG
 """Angle in rad between two faces, below which their normals are averaged: bores look smooth, edges stay visible."""
 
 _NORMAL_DIGITS = 4
 """Decimals to which normals are rounded before equal ones become one; the error of 0.005 degrees is not seen."""
 
-RESERVED = {"joints", "materials"}
+RESERVED_NAMES = {"joints", "materials"}
 """Names of the scopes below the robot's prim; bodies must not have these names."""
 
 
@@ -66,7 +66,7 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
 
 def _free_leaf_names(mechanism: Mechanism) -> LeafNames:
     """Return the leaf names that are still free, beside those of the robot, its scopes, bodies and joints."""
-    used_names = {mechanism.name, *RESERVED}
+    used_names = {mechanism.name, *RESERVED_NAMES}
     for body in mechanism.bodies:
         used_names.add(body.name)
     for joint in mechanism.joints:
@@ -114,7 +114,7 @@ def _write_mesh(stage: Usd.Stage, path: str, mesh: Mesh) -> UsdGeom.Mesh:
     return usd_mesh
 
 
-def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> Array:
+def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREASE_ANGLE) -> Array:
     """Return unit normals (3 m, 3), one per triangle corner, averaged over faces that meet at angles below `crease`.
 
     Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
