@@ -32,6 +32,8 @@ _MIN_ROWS = 4
 """Fewest rows: base and tool frame are fitted, which three poses can always do."""
 
 _SIZE_OF_UNIT = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "°": DEG, "rad": 1.0}
+"""{unit: its size in m or rad}."""
+
 _LENGTHS = ("mm", "cm", "m")
 _ANGLES = ("deg", "°", "rad")
 
@@ -141,17 +143,19 @@ def _name_and_unit(heading: str) -> tuple[str, str]:
 
 
 class _TableReader:
+    """Reads one file: its comments when it is made, its table by `read`. `fail` raises an error with file and line."""
+
     def __init__(self, path: Path, text: str, length: str | None, angle: str | None) -> None:
         self.path = path
         self.units = {"length": length, "angle": angle}
         self.noise: list[float | None] = [None, None]
         self.lines = _table_rows(path, text)
-        self._comments(text)
+        self._read_comments(text)
 
     def fail(self, line: int, message: str) -> NoReturn:
         raise SourceError(f"{self.path}:{line}: {message}")
 
-    def _comments(self, text: str) -> None:
+    def _read_comments(self, text: str) -> None:
         """Read the comments "# units: mm, deg" and "# noise: 0.05 mm, 0.01 deg"."""
         for number, line in enumerate(text.splitlines(), 1):
             units = _UNITS_COMMENT.match(line)
@@ -166,9 +170,10 @@ class _TableReader:
             noise = _NOISE_COMMENT.match(line)
             if noise:
                 for part in noise[1].split(","):
-                    self._noise(number, part.strip())
+                    self._add_noise(number, part.strip())
 
-    def _noise(self, number: int, part: str) -> None:
+    def _add_noise(self, number: int, part: str) -> None:
+        """Keep a standard deviation such as "0.05 mm", of lengths or of angles by its unit."""
         match = re.fullmatch(r"([0-9.eE+-]+)\s*([A-Za-z°]+)", part)
         unit = ""
         value: float | None = None
@@ -184,21 +189,9 @@ class _TableReader:
         if not self.lines:
             raise SourceError(f"{self.path}: the file has no table: a line of headings, then a line for each pose")
         (line, headings), *pose_rows = self.lines
-        names: list[str] = []
-        lower_names: list[str] = []
-        units: list[str] = []
-        for heading in headings:
-            name, unit = _name_and_unit(heading)
-            if not name:
-                self.fail(line, "a heading is empty: name the joint, or remove the column")
-            if name.lower() in lower_names:
-                self.fail(line, f"the heading '{name}' stands twice: remove one of the columns")
-            if unit and unit not in _SIZE_OF_UNIT:
-                self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZE_OF_UNIT)}")
-            names.append(name)
-            lower_names.append(name.lower())
-            units.append(unit)
-        rotation_columns = self._rotation(line, lower_names)
+        names, units = self._names_and_units(line, headings)
+        lower_names = [name.lower() for name in names]
+        rotation_columns = self._rotation_columns(line, lower_names)
         pose = {*_POSITION, *rotation_columns}
         joint_columns = []
         joint_names = []
@@ -241,6 +234,24 @@ class _TableReader:
             (self.noise[0], self.noise[1]),
         )
 
+    def _names_and_units(self, line: int, headings: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return the names of the columns, and their units, "" where a heading states none."""
+        names: list[str] = []
+        lower_names: list[str] = []
+        units: list[str] = []
+        for heading in headings:
+            name, unit = _name_and_unit(heading)
+            if not name:
+                self.fail(line, "a heading is empty: name the joint, or remove the column")
+            if name.lower() in lower_names:
+                self.fail(line, f"the heading '{name}' stands twice: remove one of the columns")
+            if unit and unit not in _SIZE_OF_UNIT:
+                self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZE_OF_UNIT)}")
+            names.append(name)
+            lower_names.append(name.lower())
+            units.append(unit)
+        return names, units
+
     def _unit(self, line: int, heading: str, *, angle: bool) -> str:
         """Return the unit of a column without one: that of --units or of the comment."""
         kind = "length"
@@ -253,7 +264,7 @@ class _TableReader:
             self.fail(line, f"the unit of '{heading}' is not stated: write '{heading} [{example}]', or give --units")
         return unit
 
-    def _rotation(self, line: int, lower_names: Sequence[str]) -> tuple[str, ...]:
+    def _rotation_columns(self, line: int, lower_names: Sequence[str]) -> tuple[str, ...]:
         """Return the columns of the rotation, () without one."""
         stated_columns: list[tuple[str, ...]] = []
         for columns in (_QUATERNION, _MATRIX, _RPY):
