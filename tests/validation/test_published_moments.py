@@ -125,3 +125,14 @@ def test_the_study_of_a_robot_is_that_of_its_folder(recomputed):
     assert (study.verdict, study.exit_code) == ("disagree", 1)
     with pytest.raises(TwinError, match="lapbot has no study file and no published inertia tables"):
         twin.study("lapbot")
+
+
+def test_equal_masses_in_another_order_tell_no_sign():
+    """A running total of 0.1, 0.2 and 0.3 is larger than that of 0.3, 0.2 and 0.1, by rounding."""
+    rows = []
+    for printed, negated in ((0.1, 0.3), (0.2, 0.2), (0.3, 0.1)):
+        row = published_moments.MassRow(
+            "row", definite=True, slack=1.0, mass_printed=printed, mass_negated=negated, repaired=()
+        )
+        rows.append(row)
+    assert published_moments.convention(rows) == "as printed"

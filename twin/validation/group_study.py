@@ -12,6 +12,7 @@ be recomputed. The checks answer these questions:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -293,19 +294,19 @@ def _check_claim(claim: StatedMinimum, outcomes: Sequence[GroupOutcome]) -> Iter
         )
 
 
-def _check_repeated_numbers(t: RepeatedNumbers) -> Iterator[Finding]:
+def _check_repeated_numbers(repeated: RepeatedNumbers) -> Iterator[Finding]:
     """Yield a finding if numbers that the paper prints in several places differ between these places."""
-    differing = [values for values in t.values if values != t.values[0]]
+    differing = [values for values in repeated.values if values != repeated.values[0]]
     if not differing:
         return
     places: list[str] = []
-    for where, values in zip(t.where, t.values, strict=True):
+    for where, values in zip(repeated.where, repeated.values, strict=True):
         numbers = " to ".join(f"{value:+g}" for value in values)
         places.append(f"{where}: {numbers}")
     yield disagreement(
         "study.twice",
-        t.name,
-        f"{t.name} is printed with several values ({'; '.join(places)})",
+        repeated.name,
+        f"{repeated.name} is printed with several values ({'; '.join(places)})",
         suggestion="correct the wrong values",
     )
 
@@ -321,9 +322,9 @@ def _check_price_sum(price_sum: PriceSum) -> Iterator[Finding]:
         prices_of_pieces.append(part.price * part.pieces)
         if part.pieces > 1:
             several.append(f"{part.pieces} × {part.name}")
-    # `sum` compensates rounding errors, which a running total does not
-    sum_of_prices = sum(prices)
-    needed = sum(prices_of_pieces)
+    # exactly rounded: a printed sum may be just within its rounding
+    sum_of_prices = math.fsum(prices)
+    needed = math.fsum(prices_of_pieces)
     if abs(price_sum.printed - needed) <= rounding:
         return
     text = f"the printed prices have the sum {sum_of_prices:,.0f} {price_sum.unit} if each is counted once"

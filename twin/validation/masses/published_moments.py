@@ -10,6 +10,7 @@ tensor, and only the correct sign gives plausible masses.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -204,10 +205,10 @@ def convention(rows: list[MassRow]) -> Products:
 
 def _total_masses(rows: list[MassRow]) -> tuple[float, float]:
     """Return the sums of the minimum masses in kg with the products as printed, and negated."""
-    # `sum` compensates rounding, so that equal masses in another order have equal sums
-    mass_printed = sum(row.mass_printed for row in rows)
-    mass_negated = sum(row.mass_negated for row in rows)
-    return float(mass_printed), float(mass_negated)
+    # exactly rounded, so that equal masses in another order have equal sums
+    mass_printed = math.fsum(row.mass_printed for row in rows)
+    mass_negated = math.fsum(row.mass_negated for row in rows)
+    return mass_printed, mass_negated
 
 
 def masses_fall(rows: list[MassRow], products: Products) -> bool:
@@ -225,6 +226,7 @@ def masses_fall(rows: list[MassRow], products: Products) -> bool:
 
 
 def _findings_on_repairs(exhibit: Exhibit) -> list[Finding]:
+    """Return a warning for each misprinted cell, with the number as which it is read."""
     findings: list[Finding] = []
     for body in exhibit.body:
         for repair in body.repaired:
@@ -238,6 +240,7 @@ def _findings_on_repairs(exhibit: Exhibit) -> list[Finding]:
 
 
 def _findings_on_tensors(rows: list[MassRow]) -> list[Finding]:
+    """Return a finding for each row whose tensor no body can have."""
     findings: list[Finding] = []
     for row in rows:
         violations: list[str] = []
@@ -252,6 +255,7 @@ def _findings_on_tensors(rows: list[MassRow]) -> list[Finding]:
 
 
 def _findings_on_products(rows: list[MassRow]) -> list[Finding]:
+    """Return a finding if the products of inertia are printed with the wrong sign; see `convention`."""
     if convention(rows) == "as printed":
         return []
     mass_printed, mass_negated = _total_masses(rows)
