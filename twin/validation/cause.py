@@ -144,6 +144,7 @@ def _side_and_name(finding: Finding) -> tuple[Side, str]:
 
 
 def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
+    """Return the cause of a group of findings, the most severe one first; findings of another kind follow from it."""
     first = group[0]  # the most severe: groups are filled in that order
     alike: list[Finding] = []
     follows: list[Finding] = []

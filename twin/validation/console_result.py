@@ -122,6 +122,7 @@ class ConsoleResult(Result):
 
 
 def _finding(clause: Clause, variants: Mapping[str, str]) -> Finding:
+    """Return the finding on a violated clause; its cause is the equation, with the variant in use."""
     cause = clause.equation
     variant = variants.get(clause.equation, "")
     if variant:

@@ -188,6 +188,7 @@ class GroupTables(Table):
         raise KeyError(chain.of)
 
     def _check_outcomes_of_claims(self) -> None:
+        """Raise an error at a claim on an outcome that the file does not have."""
         outcomes = {outcome.name for outcome in self.outcome}
         for i, claim in enumerate(self.claim):
             unknown = set(claim.outcomes) - outcomes
@@ -197,6 +198,7 @@ class GroupTables(Table):
                 raise at(("claim", i, "outcomes"), text)
 
     def _check_accuracy_of_chain(self) -> None:
+        """Raise an error at a test whose printed errors the file does not have."""
         printed = [accuracy.name for accuracy in self.accuracy]
         for key, chain in (("chain", self.chain), ("angle_chain", self.angle_chain)):
             if chain is not None and chain.of not in printed:

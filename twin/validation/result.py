@@ -103,6 +103,7 @@ class _Urgency(IntEnum):
 
 
 def _urgency(row: Residual) -> _Urgency:
+    """Return how soon a row is shown, from its verdict."""
     if row.tolerance is None:
         return _Urgency.UNJUDGED
     if row.agrees:

@@ -82,6 +82,7 @@ class Strokes(Result):
         yield ""
 
     def _rows(self, sweep: StrokeSweep) -> Iterator[tuple[str, ...]]:
+        """Yield the cells of one stroke: the equations, then each simplified model."""
         unit, scale = display_unit(sweep.angle)
         stroke = f"{sweep.q[0] / scale:g} .. {sweep.q[-1] / scale:g} {unit}"
         for name, curve in sweep.curves.items():
@@ -125,6 +126,7 @@ class Strokes(Result):
 
 
 def _disagreement(sweep: StrokeSweep) -> Finding:
+    """Return the finding on a stroke over which equations and mechanism disagree."""
     largest = float(sweep.equations.distance.max())
     limit = sweep.tolerance[0]
     return _TOOL_DIFFERS(

@@ -158,6 +158,7 @@ def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
 
 
 def _measure_row(measure: StudyMeasure) -> StudyRow:
+    """Return the row of a measure, recomputed from the values of the users."""
     physical = np.array(measure.physical)
     simulation = np.array(measure.simulation)
     users = len(physical)
@@ -229,6 +230,7 @@ def _findings_on_means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
 
 
 def _rating_row(rating: Rating, users: int) -> StudyRow:
+    """Return the row of a rating, recomputed from its printed means and standard deviations."""
     mean_1, std_1 = rating.physical
     mean_2, std_2 = rating.simulation
     cells = np.array([mean_1, std_1, mean_2, std_2])
@@ -256,6 +258,7 @@ def _p_values_of_ratings(cells: Array, users: int) -> dict[str, float]:
 
 
 def _findings_on_p_value(row: StudyRow) -> list[Finding]:
+    """Return a finding if no test gives the printed p-value of a row."""
     if row.test():
         return []
     recomputed = [f"{test} {p:.3f}" for test, p in row.tests.items()]
@@ -276,6 +279,7 @@ def _findings_on_p_value(row: StudyRow) -> list[Finding]:
 
 
 def _findings_on_claim(claim: Claim, tables: Tables) -> list[Finding]:
+    """Return a warning if the printed numbers contradict a claim of the text."""
     exceptions: list[str] = []
     if claim.holds == "simulation_above_physical":
         for rating in tables.rating:

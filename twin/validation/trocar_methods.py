@@ -216,6 +216,7 @@ class _Solutions:
 def _compare_methods(
     kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, comparison: EquationsComparison, number: int
 ) -> None:
+    """Add rows, table, facts and curves of the comparison; for the arguments see `compare_three_methods`."""
     solver = point_solver(kin)
     problems = random_problems(kin, solver, limits, number)
     solutions = _solutions_of_methods(kin, solver, problems, limits)

@@ -140,6 +140,7 @@ class _FixSearch:
         found_conventions: tuple[Convention, ...],
         lead: str,
     ) -> PossibleFixes:
+        """Return the result of all searches, with the remarks made so far."""
         return PossibleFixes(search, results, identified, found_conventions, lead, tuple(self.remarks))
 
     def _numbers(self, alone: bool = False) -> FittedParameters | None:

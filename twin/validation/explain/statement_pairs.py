@@ -457,6 +457,7 @@ class StatementPairs:
         return self._first_values_of[key]
 
     def _compiled(self, statement: Statement, edits: tuple[Edit, ...]) -> CodeType | None:
+        """Return a statement compiled after edits; None if the text is not valid."""
         if edits not in self._codes:
             try:
                 self._codes[edits] = self.step.source.compiled(statement, edits)

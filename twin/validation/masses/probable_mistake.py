@@ -112,6 +112,7 @@ def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape:
 
 
 def _finding(kind: str, words: str, name: str, source: str, stated_deviation: float, best: float) -> Finding:
+    """Return the warning on a mistake; `best` is the misfit after its correction, see `misfit`."""
     return warning(
         f"inertia.{kind}",
         name,
