@@ -70,9 +70,9 @@ def test_a_unit_fault_is_of_a_parameter_with_a_unit():
     ratio = Parameter("ratio", 2.0, "1", 2.0, "ASSUMED", "")
     length = Parameter("length", 0.1, "mm", 100.0, "ASSUMED", "")
     none = Parameter("none", 0.0, "mm", 0.0, "ASSUMED", "")
-    assert units._parameter(_with(ratio, none), rng) is None
+    assert units._parameter_fault(_with(ratio, none), rng) is None
     for _ in range(5):
-        assert units._parameter(_with(ratio, none, length), rng).what.startswith("length with m")
+        assert units._parameter_fault(_with(ratio, none, length), rng).what.startswith("length with m")
 
 
 def test_a_fault_of_the_speed_does_not_depend_on_the_order_of_the_file():
@@ -80,7 +80,7 @@ def test_a_fault_of_the_speed_does_not_depend_on_the_order_of_the_file():
         changed = set()
         for seed in range(8):
             document = {"limits": {"pivot": dict.fromkeys(keys, 40.0)}}
-            what = units._limits(document, np.random.default_rng(seed), name="tip", factor=1e-3, unit="m/s")
+            what = units._limits_fault(document, np.random.default_rng(seed), name="tip", factor=1e-3, unit="m/s")
             limits = document["limits"]["pivot"]
             assert limits["tip_speed_mm_s"] == 0.04
             assert (limits["tip_acceleration_mm_s2"] == 0.04) is ("speed and acceleration" in what)
@@ -182,7 +182,7 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     assert bench.outcome(slow).code == "timing.claimed"
     monkeypatch.setattr("twin.validation.sampled_timing._false_claims", lambda *_: ())
     monkeypatch.setattr("twin.validation.equation_checks._check_rates", lambda *_: None)
-    monkeypatch.setattr("twin.planning.check._consistent", lambda *_: [])
+    monkeypatch.setattr("twin.planning.check._speeds_match_slopes", lambda *_: [])
     monkeypatch.setattr(
         "twin.validation.trajectory_checks.retimed", lambda *_: ([], {}, [])
     )  # the second solver of the timing

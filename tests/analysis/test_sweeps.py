@@ -300,7 +300,7 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
     ],
 )
 def test_workspace_refuses(arguments, message, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cluster, "_TIMEOUT", "1s")
+    monkeypatch.setattr(cluster, "_CONNECTION_TIMEOUT", "1s")
     assert cli.main(["workspace", "sils", "--out", str(tmp_path / "o"), *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "o").exists()

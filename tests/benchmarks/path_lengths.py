@@ -47,7 +47,7 @@ def table(seeds):
             if corners is not None:
                 out[i, seed, 1] = length(space, corners)
             if count == COUNTS[0]:
-                found = algorithm1(search._q, search._near, length_of(space.weights), space.free_each)
+                found = algorithm1(search._q, search._neighbours, length_of(space.weights), space.free_each)
                 reasons[found.reason or "a path"] = reasons.get(found.reason or "a path", 0) + 1
         t, cost = out[i].T
         print(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from made.lanes import one_of_a_kind
-from twin.api.facts import LINES, info
+from twin.api.facts import BRIEF_LINES, info
 from twin.api.robot_loading import load
 from twin.cli import show
 from twin.core.findings import disagreement
@@ -110,4 +110,4 @@ def test_a_narrow_table_keeps_headings_whole_and_one_long_cell_does_not_widen_it
 @pytest.mark.parametrize("name", one_of_a_kind())
 def test_info_of_every_robot_is_brief(name):
     text = "\n".join(show.plain(part) for part in info(load(name)).brief(name))
-    assert len(text.splitlines()) <= LINES
+    assert len(text.splitlines()) <= BRIEF_LINES

@@ -16,7 +16,7 @@ import twin
 from made import protocols
 from made import two_trocars as made
 from made.loops import through_a_trocar, two_links
-from twin.analysis.mutation.units import _trocar
+from twin.analysis.mutation.units import _trocar_fault
 from twin.core import spatial
 from twin.core.errors import DescriptionError, MechanismError, ProtocolError, TwinError
 from twin.core.units import MM
@@ -279,7 +279,7 @@ def test_an_instrument_that_begins_in_a_trocarends_in_patient(robot):
 
 def test_a_trocar_in_metres_is_among_the_faults_that_are_looked_for(tmp_path, rng):
     document = {"trocars_mm": {"left": [1.0, 2.0, 3.0], "right": [4.0, 5.0, 6.0]}}
-    said = {_trocar(json.loads(json.dumps(document)), rng) for _ in range(20)}
+    said = {_trocar_fault(json.loads(json.dumps(document)), rng) for _ in range(20)}
     assert said == {"trocar 'left' in metres", "trocar 'right' in metres"}
 
 

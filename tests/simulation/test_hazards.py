@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, outcomes
+from twin.api.hazards import FILE, Share, _require_same_campaign, campaign_file, hazards, outcomes
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError, TwinError
@@ -240,7 +240,7 @@ def test_a_log_with_a_line_of_another_session_is_refused(tmp_path, plan, change,
     log = Log(tmp_path / FILE, HEAD)
     log.add({k: v for k, v in row.items() if v is not None or k == "response"})
     with pytest.raises(OutputError, match=message):
-        _require_own(plan, log)
+        _require_same_campaign(plan, log)
     log.close()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin.analysis.workspace_result import COLUMNS, Workspace
 from twin.core.spatial import Array
 
-MOST = 400_000
+MOST_POINTS = 400_000
 """Maximum number of points in a cloud; of a larger cloud, only every n-th point is written."""
 
 _TOP_QUANTILE = 0.99
@@ -31,7 +31,7 @@ def points(space: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
     from matplotlib import colormaps
 
     reached = np.flatnonzero(space.reached)
-    every = max(1, math.ceil(len(reached) / MOST))
+    every = max(1, math.ceil(len(reached) / MOST_POINTS))
     shown_indices = reached[::every]
     values = space.values[shown_indices]
     conditions = values[:, 1]

@@ -12,7 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from types import FrameType
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 
 from twin.core.atomic import Scratch
 from twin.core.compute_device import Choice
@@ -24,10 +24,12 @@ from twin.core.processes import spawning_children
 if TYPE_CHECKING:
     from distributed import Client
 
-HERE = "local"
+TaskResult = TypeVar("TaskResult")
+
+LOCAL = "local"
 """Value of --scheduler that starts local workers, one for each processor."""
 
-_TIMEOUT = "10s"
+_CONNECTION_TIMEOUT = "10s"
 """Maximum time to wait for a scheduler, as text for Dask."""
 
 
@@ -65,7 +67,7 @@ def require_keys(function: str, given: Processes, kind: type[Processes]) -> None
 
 
 @contextlib.contextmanager
-def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]:
+def cluster(address: str = LOCAL, workers: int | None = None) -> Iterator[Client]:
     """Yield a client of the scheduler at `address`, such as tcp://10.0.0.1:8786, or of a local scheduler ("local").
 
     A local scheduler starts `workers` workers; None: one for each processor.
@@ -80,7 +82,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
     logging.getLogger("distributed").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # warnings about dashboard ports and slow starts do not affect results
-        if address == HERE:
+        if address == LOCAL:
             count = workers or usable_processors()
             # Workers listen on the loopback address only, and no dashboard is served.
             options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": ""}
@@ -103,7 +105,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
                     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
             return
         try:
-            client = Client(address, timeout=_TIMEOUT)
+            client = Client(address, timeout=_CONNECTION_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
             raise TwinError(f"--scheduler {address}: no Dask scheduler answers at this address ({error})") from error
         with client:
@@ -134,7 +136,9 @@ def _delayed_interrupt() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-def each(client: Client, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[tuple[int, Any]]:
+def each(
+    client: Client, function: Callable[..., TaskResult], tasks: Iterable[tuple[object, ...]]
+) -> Iterator[tuple[int, TaskResult]]:
     """Yield (task index, result) of each finished task, in any order.
 
     `function` is at the top level of a module that the workers can import. It must return the same result for the same

@@ -54,11 +54,15 @@ _PARALLEL = 1e-6
 _BOX_MARGIN = 0.1
 """Margin of the grid on each side, as a share of the extent of the workspace of the CAD's design."""
 
-_SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
+_TOLERANCE_ERRORS = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
 """Standard deviations of the objective "tolerance", as its description states them."""
 
 _LENGTHS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}
+"""{unit of a length: its size in m}."""
+
 _ANGLES = {"rad": 1.0, "deg": DEG}
+"""{unit of an angle: its size in rad}."""
+
 _UNITS = {**_LENGTHS, **_ANGLES, "": 1.0}
 """{unit of a factor: its size in SI units}; "": a number without a unit."""
 
@@ -136,19 +140,19 @@ def parse_factor(robot: Robot, text: str) -> Factor:
         raise TwinError(f"--vary '{text}': the lower value {start:g} must be below the upper value {end:g}")
     if _is_distance(name):
         drawn_value = distance(robot.mechanism, name)
-        own_unit = "mm"
+        stated_unit = "mm"
     else:
         parameters = {parameter.name: parameter for parameter in robot.formula.parameters}
         if name not in parameters:
             raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
         drawn_value = float(parameters[name].value)
-        own_unit = parameters[name].unit
-    if not unit and own_unit in _UNITS:
-        unit = own_unit
+        stated_unit = parameters[name].unit
+    if not unit and stated_unit in _UNITS:
+        unit = stated_unit
     for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)):
-        if own_unit in units and unit not in units:
-            raise TwinError(f"--vary '{text}': {name} is given in {own_unit}; '{unit}' is not a unit of {kind}")
-    if unit and own_unit not in _LENGTHS and own_unit not in _ANGLES:
+        if stated_unit in units and unit not in units:
+            raise TwinError(f"--vary '{text}': {name} is given in {stated_unit}; '{unit}' is not a unit of {kind}")
+    if unit and stated_unit not in _LENGTHS and stated_unit not in _ANGLES:
         raise TwinError(f"--vary '{text}': {name} is neither a length nor an angle; leave out '{unit}'")
     scale = _UNITS[unit]
     return Factor(name, low=start * scale, high=end * scale, unit=unit, drawn=drawn_value)
@@ -337,7 +341,7 @@ def _tolerance(mechanism: Mechanism, lengths: dict[str, float]) -> float:
     try:
         for name, length in lengths.items():
             mechanism = stretched(mechanism, name, length)
-        tolerances = ErrorPropagation(mechanism, _SPREAD)
+        tolerances = ErrorPropagation(mechanism, _TOLERANCE_ERRORS)
         budget = tolerances.budget("home", tolerances.solver.q)
     except TwinError:
         return float("nan")
@@ -416,14 +420,14 @@ def table_row(job: DesignJob, number: int, design: Sequence[float], objectives: 
     """Return one row of the table of designs, with the factors in their display units."""
     cells: JsonObject = {"design": number}
     for factor, value in zip(job.factors, design, strict=True):
-        cells[_headed(factor.name, factor.unit)] = value / factor.scale
+        cells[_column_head(factor.name, factor.unit)] = value / factor.scale
     for name, value in objectives.items():
         unit, _, _ = OBJECTIVES[name]
-        cells[_headed(name, unit)] = value
+        cells[_column_head(name, unit)] = value
     return cells
 
 
-def _headed(name: str, unit: str) -> str:
+def _column_head(name: str, unit: str) -> str:
     """Return the head of a column: a name with its unit, if it has one."""
     if unit:
         return f"{name} [{unit}]"

@@ -24,7 +24,7 @@ from twin.kinematics.closed_loops import LoopSolver, linear
 from twin.kinematics.closed_loops.equations import LoopEquations, stepped
 from twin.model.mechanism import Mechanism
 
-_CHUNK = 8192
+_SAMPLES_PER_BATCH = 8192
 """Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
 
 
@@ -39,13 +39,13 @@ _LAST_STEP = 1e-10
 _QUANTILE_SAMPLES = 200_000
 """Number of samples of a quantile: its standard error is below 0.2 %."""
 
-_PSEUDOINVERSE = 1e-9
+_REDUNDANT_BELOW = 1e-9
 """Singular values below this fraction of the largest are those of redundant loop equations."""
 
 _SMALLEST_VARIANCE = 1e-300
 """Instead of 0 where no error has an effect, so that shares of it are 0."""
 
-SHARE = 0.95
+ACCURATE_SHARE = 0.95
 """Fraction of the built robots that must meet the accuracy requirement."""
 
 
@@ -75,8 +75,8 @@ class ErrorBudget:
         labels: (errors,) joint or encoder of each error.
         sigma: (errors,) standard deviations in m or rad.
         covariance: (6, 6) covariance of the tool error, to first order.
-        within: (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots, to
-            first order.
+        within: (position error in m, rotation error in rad): the quantiles `ACCURATE_SHARE` over all robots, to first
+            order.
         sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
         samples: number of Monte Carlo samples.
     """
@@ -194,8 +194,8 @@ class ErrorPropagation:
         if not samples:
             return budget
         squares = np.zeros((6, 6))
-        shift_quantile = UpperQuantile(SHARE, samples)
-        turn_quantile = UpperQuantile(SHARE, samples)
+        shift_quantile = UpperQuantile(ACCURATE_SHARE, samples)
+        turn_quantile = UpperQuantile(ACCURATE_SHARE, samples)
         for twists in self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0)):
             squares += twists.T @ twists
             shift_quantile.add(np.linalg.norm(twists[:, :3], axis=1))
@@ -243,18 +243,18 @@ class ErrorPropagation:
         if not Jx.size:
             return direct
         # The pseudoinverse closes overconstrained loops by least squares.
-        return direct - Tx @ np.linalg.pinv(Jx, rcond=_PSEUDOINVERSE) @ np.hstack([Je, Jq])
+        return direct - Tx @ np.linalg.pinv(Jx, rcond=_REDUNDANT_BELOW) @ np.hstack([Je, Jq])
 
     def _sampled_twists(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Iterator[Array]:
         """Yield the tool errors (k, 6) in the base frame for random errors: shift in m, then rotation in rad.
 
-        There are `samples` of them in all, in batches of `_CHUNK`.
+        There are `samples` of them in all, in batches of `_SAMPLES_PER_BATCH`.
         """
         kernel = self._kernel
         T0 = self.solver.forward(q)
         frames = self.error.numel()
-        for first in range(0, samples, _CHUNK):
-            count = min(_CHUNK, samples - first)
+        for first in range(0, samples, _SAMPLES_PER_BATCH):
+            count = min(_SAMPLES_PER_BATCH, samples - first)
             errors = self.sigma[:, None] * rng.normal(size=(len(self.sigma), count))
             qs = q[:, None] + errors[frames:]
             states = np.repeat(state[:, None], count, axis=1)
@@ -293,17 +293,17 @@ class ErrorPropagation:
 
 
 def _within(covariance: Array) -> tuple[float, float]:
-    """Return (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots."""
+    """Return (position error in m, rotation error in rad): the quantile `ACCURATE_SHARE` of each over all robots."""
     return normal_length_quantile(covariance[:3, :3]), normal_length_quantile(covariance[3:, 3:])
 
 
 def normal_length_quantile(covariance: Array) -> float:
-    """Return the quantile `SHARE` of the length of a normal vector with this covariance (3, 3), from fixed samples."""
+    """Return the quantile `ACCURATE_SHARE` of the length of a normal vector with covariance (3, 3): fixed samples."""
     samples = np.random.default_rng(0).normal(size=(_QUANTILE_SAMPLES, 3))
     # In the principal axes, the components are independent; rounding can make an eigenvalue of 0 negative.
     eigenvalues = np.maximum(np.linalg.eigvalsh(covariance), 0)
     squares = samples**2 @ eigenvalues
-    return float(np.sqrt(np.quantile(squares, SHARE)))
+    return float(np.sqrt(np.quantile(squares, ACCURATE_SHARE)))
 
 
 def as_dict(budget: ErrorBudget) -> JsonObject:

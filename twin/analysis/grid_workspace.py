@@ -39,16 +39,18 @@ CHUNK = 1 << 18
 """Number of poses in a chunk; a chunk requires tens of milliseconds and a few MB."""
 
 _FIRST_HALF_EDGE = 0.1
+"""Half the edge length in m of the first box in the search for reached positions."""
+
 _LAST_HALF_EDGE = 12.8
-"""Half the edge length, in m, of the first box and of the largest box in the search for reached positions."""
+"""Half the edge length in m of the largest box in this search."""
 
 _POSITIONS_PER_EDGE = 32
 """Number of positions along the longest edge in the search for the box."""
 
-_ROUNDED_COUNT = 1e-9
+_COUNT_ROUNDING = 1e-9
 """Part of a step by which an extent may be longer than a whole number of steps."""
 
-_REFINEMENTS = 5
+_MOST_REFINEMENTS = 5
 """Maximum number of refinements of the box."""
 
 
@@ -194,7 +196,7 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
         )
     low = positions.min(axis=0) - 2 * step
     high = positions.max(axis=0) + 2 * step
-    for _ in range(_REFINEMENTS):  # repeat on a finer grid: a coarse grid misses thin regions
+    for _ in range(_MOST_REFINEMENTS):  # repeat on a finer grid: a coarse grid misses thin regions
         positions, step = _reached(robot, low=low, high=high, T=T, tilt=tilt, turns=turns)
         lowest = positions.min(axis=0)
         highest = positions.max(axis=0)
@@ -210,7 +212,7 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
     """Return (reached positions (k, 3), step) of a coarse grid between two corners, in m."""
     step = float((high - low).max() / (_POSITIONS_PER_EDGE - 1))
     # Without this, rounding could add a layer of positions beyond the upper corner.
-    nx, ny, nz = (np.ceil((high - low) / step - _ROUNDED_COUNT).astype(int) + 1).tolist()
+    nx, ny, nz = (np.ceil((high - low) / step - _COUNT_ROUNDING).astype(int) + 1).tolist()
     grid = PoseGrid(low=low, step=step, shape=(nx, ny, nz), R_base_tool=T[:3, :3], tilt=tilt, turns=turns)
     values = evaluate(judge(robot, grid), grid, 0, grid.positions)
     return grid.position(np.flatnonzero(values[:, 0] > 0)), step

@@ -34,13 +34,13 @@ without measures).
 ROOT = 1.2207440846057596
 """Root of x^4 = x + 1; the fractional parts of i / root^k cover three dimensions more evenly than random numbers."""
 
-_SWEEPS = 12
+_MOST_SWEEPS = 12
 """Maximum number of Jacobi sweeps."""
 
-_LARGEST_BESIDE = 1e-13
+_LARGEST_OFF_DIAGONAL = 1e-13
 """Relative off-diagonal norm below which no further sweep is computed."""
 
-_NOT_ZERO = 1e-300
+_SMALLEST_NORM = 1e-300
 """Added to the norm of a diagonal, by which is divided."""
 
 
@@ -126,7 +126,11 @@ def kernel(
     stages = [
         Stage(first, ("i",), tuple(results)),
         Stage(
-            _sweep(size_of_gram), takes=("gram",), gives=("gram", "error"), repeat=_SWEEPS, tolerance=_LARGEST_BESIDE
+            _sweep(size_of_gram),
+            takes=("gram",),
+            gives=("gram", "error"),
+            repeat=_MOST_SWEEPS,
+            tolerance=_LARGEST_OFF_DIAGONAL,
         ),
         Stage(_last(size_of_gram), ("gram", "reached", "margin", "singularity"), NAMES),
     ]
@@ -266,4 +270,4 @@ def _sweep(m: int) -> ca.Function:
             a[place(q, k)] = sine * u + cosine * v
     swept = ca.vertcat(*a.values())
     # Convergence is quadratic: the norm after this sweep is about the square of the returned norm before it.
-    return ca.Function("sweep", [entries], [swept, ca.sqrt(beside / (along + _NOT_ZERO))])
+    return ca.Function("sweep", [entries], [swept, ca.sqrt(beside / (along + _SMALLEST_NORM))])

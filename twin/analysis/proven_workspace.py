@@ -31,16 +31,16 @@ from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import RegularWorkspace, cover
 from twin.proof.workspace_certificate import SCHEMA, boxes_as_data, limits_as_data, loops_as_data
 
-_PARTS = 232
+_BOXES_PER_SIDE = 232
 """Number of smallest boxes along the longest side of the workspace, unless an edge is given."""
 
-_HALVINGS = 3
+_LARGEST_BOX_HALVINGS = 3
 """How often the largest boxes are halved: larger ones are hardly ever proved, and cost time."""
 
 _MOST_BOXES = 4e8
 """Maximum number of smallest boxes in the box."""
 
-_SAMPLES = 300_000
+_SAMPLED_POSITIONS = 300_000
 """Number of positions of the sampled workspace."""
 
 _LITRE = 1e-3
@@ -222,7 +222,7 @@ def proven_workspace(
     chosen = variant_choice.choose(robot.formula, variants)
     equations = FormulaBoxes(robot.formula, chosen, R=T[:3, :3], joints=loops.names, limits=limits)
     judge = BoxJudge(loops, R=T[:3, :3], limits=limits, equations=equations, p=start)
-    halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _HALVINGS))
+    halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _LARGEST_BOX_HALVINGS))
     proof = cover(judge, low=low, high=high, edge=edge, halvings=halvings, progress=progress)
     volume, error = _sampled_volume(robot, T, low, high, progress)
     certified: JsonObject = {
@@ -265,7 +265,7 @@ def _edge(edge: float | None, low: Array, high: Array) -> float:
         TwinError: it is no positive number, or the box has too many of them.
     """
     if edge is None:
-        return float((high - low).max()) / _PARTS
+        return float((high - low).max()) / _BOXES_PER_SIDE
     if not (math.isfinite(edge) and edge > 0):
         raise TwinError(f"the edge of the smallest boxes is {edge / MM:g} mm; give a positive number of millimetres")
     count = float(np.prod((high - low) / edge))
@@ -303,7 +303,7 @@ def _limits(robot: Robot, loops: ClosingConditions) -> tuple[list[LinearLimit], 
 
 def _sampled_volume(robot: Robot, T: Array, low: Array, high: Array, progress: Progress) -> tuple[float, float]:
     """Return volume and error in m3 of the reached positions on a grid."""
-    step = float(np.cbrt(np.prod(high - low) / _SAMPLES))
+    step = float(np.cbrt(np.prod(high - low) / _SAMPLED_POSITIONS))
     nx, ny, nz = np.maximum(np.round((high - low) / step).astype(int), 1).tolist()
     # each position is the middle of its cell
     grid = PoseGrid(low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3])

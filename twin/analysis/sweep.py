@@ -6,12 +6,12 @@ import signal
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
 from twin.analysis import design, table
-from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
+from twin.analysis.cluster import LOCAL, DeviceProcesses, cluster, each, require_keys
 from twin.analysis.grid_workspace import limited_passive_joints
 from twin.api.name_or_path import name_or_path
 from twin.api.robot import Robot
@@ -24,7 +24,7 @@ from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
 
-_SHOWN = 20
+_SHOWN_DESIGNS = 20
 """Maximum number of Pareto-optimal designs in the text."""
 
 
@@ -113,18 +113,18 @@ class Sweep(Result):
         best_rows = [row for row in data["pareto"] if row["design"] != 0]
         head = [name for name in drawn_row if name != "pareto"]
         cells = []
-        for row in (drawn_row, *best_rows[:_SHOWN]):
+        for row in (drawn_row, *best_rows[:_SHOWN_DESIGNS]):
             cells.append([_cell(name, row[name]) for name in head])
         yield TextTable(head, cells)
-        if len(best_rows) > _SHOWN:
-            yield f"  and {len(best_rows) - _SHOWN} more Pareto-optimal designs"
+        if len(best_rows) > _SHOWN_DESIGNS:
+            yield f"  and {len(best_rows) - _SHOWN_DESIGNS} more Pareto-optimal designs"
         others = len(self.designs) - len(best_rows) - 1
         if others:
             yield f"  not shown: {others} dominated or infeasible designs; all are in sweep.csv"
         yield ""
 
 
-def _cell(name: str, value: Any) -> str:
+def _cell(name: str, value: float) -> str:
     """Return the value of a column as text; design 0 is that of the CAD."""
     if name != "design":
         return f"{value:.4g}"
@@ -239,7 +239,7 @@ def _evaluate(
     progress: Progress,
 ) -> set[str]:
     """Evaluate the designs with the numbers `missing`, and store the result of each; return what has computed them."""
-    scheduler = processes.get("scheduler") or HERE
+    scheduler = processes.get("scheduler") or LOCAL
     workers = processes.get("workers")
     device = processes.get("device", "cpu")
     tasks = []

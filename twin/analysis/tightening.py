@@ -11,19 +11,19 @@ from twin.core.spatial import Array
 
 COST = "cost of a part assumed inversely proportional to its errors (reciprocal cost model, ASSUMED)"
 
-_SEARCHED = 4
+_SEARCHED_STATES = 4
 """Number of states in the search, those with the largest errors; the others are checked at the end."""
 
-_STEPS = 40
+_MOST_HALVINGS = 40
 """Number of halvings in the search for the factors; each one evaluates the tool error."""
 
-_NAMED = 3
+_NAMED_PARTS = 3
 """Number of parts that the sentence names."""
 
-_NO_EFFECT = 1e-12
+_NO_EFFECT_SHARE = 1e-12
 """Share of the largest variance below which a part has no effect on the tool, but for rounding."""
 
-_UNCHANGED = 1e-9
+_UNCHANGED_FACTOR = 1e-9
 """Difference of a factor from 1 below which a part stays as it is."""
 
 
@@ -48,7 +48,7 @@ class Tightening:
     def sentence(self) -> str:
         """What to tighten, the three strongest reductions by name."""
         named = []
-        for name, factor in self.factors[:_NAMED]:
+        for name, factor in self.factors[:_NAMED_PARTS]:
             named.append(f"{name} to {100 * factor:.2g} %")
         further = len(self.factors) - len(named)
         text = f"tighten the errors of {', '.join(named)} of the present ones"
@@ -74,7 +74,7 @@ def least_cost(
         required: maximum tool error in m.
         error_of: function that returns the tool error in m of a covariance (3, 3).
     """
-    searched = covariances_of[:_SEARCHED]
+    searched = covariances_of[:_SEARCHED_STATES]
 
     def error(s: Array, states: Array) -> float:
         """Return the largest tool error in m with factors s (k,) over some states."""
@@ -88,7 +88,7 @@ def least_cost(
     if present_error <= required:
         return None
     variances = np.trace(searched, axis1=2, axis2=3).mean(axis=0)
-    counted = variances > _NO_EFFECT * variances.max()
+    counted = variances > _NO_EFFECT_SHARE * variances.max()
 
     def factors(level: float) -> Array:
         """Return the factors (k,) that lower each larger variance in proportion to the cube root of `level`."""
@@ -100,7 +100,7 @@ def least_cost(
     # at the upper level no factor is below 1; at the lower one all factors are at most `ratio`, which is enough
     high = float(variances.max())
     low = float(variances[counted].min()) * ratio**3
-    for _ in range(_STEPS):
+    for _ in range(_MOST_HALVINGS):
         middle = float(np.sqrt(low * high))  # levels may differ by many orders of magnitude
         if error(factors(middle), searched) <= required:
             low = middle
@@ -114,6 +114,6 @@ def least_cost(
     order = np.argsort(factors_found, kind="stable")
     tightened: list[tuple[str, float]] = []
     for part in order:
-        if factors_found[part] < 1.0 - _UNCHANGED:
+        if factors_found[part] < 1.0 - _UNCHANGED_FACTOR:
             tightened.append((names[int(part)], float(factors_found[part])))
     return Tightening(tuple(tightened), float(np.mean(1.0 / factors_found)), 1.0 / ratio, reached)

@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.analysis.declared_limits import beyond_limits
 from twin.analysis.error_propagation import (
-    SHARE,
+    ACCURATE_SHARE,
     ErrorBudget,
     ErrorPropagation,
     Spread,
@@ -47,7 +47,7 @@ class ToleranceBudget(Result):
 
     Attributes:
         budgets: one budget for each state; Monte Carlo checks only the state with the largest error.
-        required: maximum position error in m for the fraction `SHARE` of the robots, or None.
+        required: maximum position error in m for the fraction `ACCURATE_SHARE` of the robots, or None.
         requirement: provenance and note of the requirement.
         beyond: findings on limits that the states exceed.
         device: what has computed the Monte Carlo check, see `ComputeDevice.name`.
@@ -102,7 +102,7 @@ class ToleranceBudget(Result):
         missed = disagreement(
             "tolerance.required",
             "tool",
-            f"{100 * SHARE:g}th-percentile position error",
+            f"{100 * ACCURATE_SHARE:g}th-percentile position error",
             size=um(self.worst.within[0]),
             limit=um(self.required),
             suggestion=self._what_to_tighten(),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,11 +15,14 @@ from twin.api.protocol_plan import plan
 from twin.api.robot import Robot
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonMapping
 from twin.core.progress import Progress, silent
 from twin.proof.motion import value_groups as groups
 from twin.reference import ReferenceModel
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from twin.core.spatial import Array
     from twin.model.joint import Joint
     from twin.model.mechanism import Mechanism
@@ -34,7 +37,7 @@ class SampledMotions:
         self.robot = robot
         self.progress = progress
 
-    def extremes(self, entry: Mapping[str, Any]) -> dict[tuple[str, str], tuple[float, float, int]]:
+    def extremes(self, entry: JsonMapping) -> dict[tuple[str, str], tuple[float, float, int]]:
         """Return {(kind, value): (smallest, largest sample, number of those without a value)} of an entry's protocol.
 
         Both are NaN if no sample is a number, as the distance from an RCM that no phase has.
@@ -56,7 +59,7 @@ class SampledMotions:
         path = timed_path(trajectory, protocol, robot.path_kinematics(), T_tool_frame)
         if "path" in entry:
             _compare_path(entry["path"]["phases"], path)
-            _compare_moved(entry["path"], path)
+            _compare_moved_frame(entry["path"], path)
             _compare_joints(entry["mechanism"], mechanism)
             _compare_driven(entry["mechanism"], mechanism)
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
@@ -76,7 +79,7 @@ class SampledMotions:
         return extremes
 
 
-def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
+def _compare_path(phases: Sequence[JsonMapping], path: TimedPath) -> None:
     """Raise an error unless the phases of a certificate are those of a planned path."""
     stated_names = [phase["name"] for phase in phases]
     planned_names = [phase.name for phase in path.phases]
@@ -87,7 +90,7 @@ def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
             raise TwinError(f"phase '{phase.name}' is not that of the plan")
 
 
-def _is_same_phase(stated: Mapping[str, Any], phase: TimedPhase) -> bool:
+def _is_same_phase(stated: JsonMapping, phase: TimedPhase) -> bool:
     """Return whether a phase of a certificate has the path, the timing and the RCM of a planned phase."""
     rcm = stated["rcm"]
     if stated["enforced"] != phase.enforced or (rcm is None) != (phase.rcm is None):
@@ -108,33 +111,33 @@ def _is_same_phase(stated: Mapping[str, Any], phase: TimedPhase) -> bool:
         if stated_array.shape != planned_array.shape:
             return False
         # the search for a path may end in other last digits on another processor
-        if not np.allclose(stated_array, planned_array, rtol=_PLANNED, atol=_PLANNED):
+        if not np.allclose(stated_array, planned_array, rtol=_PLANNED_DIFFERENCE, atol=_PLANNED_DIFFERENCE):
             return False
     return True
 
 
-def _compare_moved(stated: Mapping[str, Any], path: TimedPath) -> None:
+def _compare_moved_frame(stated: JsonMapping, path: TimedPath) -> None:
     """Raise an error unless the moved frame and the shaft of a certificate are those of a planned path."""
     pairs = (
         ("the moved frame", stated["frame_in_tool"], path.T_tool_frame[:3]),
         ("the shaft", stated["shaft"], path.shaft_axis),
     )
     for subject, stated_numbers, planned_numbers in pairs:
-        if not _equal(stated_numbers, planned_numbers, _PLANNED):
+        if not _equal(stated_numbers, planned_numbers, _PLANNED_DIFFERENCE):
             raise TwinError(f"{subject} is not that of the plan")
 
 
-def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
+def _compare_joints(stated: JsonMapping, mechanism: Mechanism) -> None:
     """Raise an error unless the joints, the base and the tool of a certificate are those of a mechanism."""
     joints = [*stated["tree"], *stated["loops"]]
     stated_names = [joint["name"] for joint in joints]
-    own_names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
-    if stated_names != own_names or len(stated["tree"]) != len(mechanism.tree):
+    cad_names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
+    if stated_names != cad_names or len(stated["tree"]) != len(mechanism.tree):
         raise TwinError("its joints are not those of the CAD")
     for joint in joints:
-        own_joint = mechanism.joint(joint["name"])
-        if not _is_same_joint(joint, own_joint):
-            raise TwinError(f"joint {own_joint.name} is not that of the CAD")
+        cad_joint = mechanism.joint(joint["name"])
+        if not _is_same_joint(joint, cad_joint):
+            raise TwinError(f"joint {cad_joint.name} is not that of the CAD")
     tool = mechanism.frame(mechanism.tool)
     if stated["base"] != mechanism.base:
         raise TwinError(f"its base is not {mechanism.base}")
@@ -142,27 +145,27 @@ def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
         raise TwinError("its tool is not that of the CAD")
 
 
-def _is_same_joint(stated: Mapping[str, Any], own_joint: Joint) -> bool:
+def _is_same_joint(stated: JsonMapping, cad_joint: Joint) -> bool:
     """Return whether a joint of a certificate has the type, the bodies and the frames of a joint of the CAD."""
-    bodies = (own_joint.parent, own_joint.child)
-    if stated["type"] != own_joint.type or (stated["parent"], stated["child"]) != bodies:
+    bodies = (cad_joint.parent, cad_joint.child)
+    if stated["type"] != cad_joint.type or (stated["parent"], stated["child"]) != bodies:
         return False
     # frames are copied into the certificate, so they are equal; only the inverse was computed, by other code
-    T_joint_child = spatial.inverse(own_joint.T_child_joint)
+    T_joint_child = spatial.inverse(cad_joint.T_child_joint)
     return (
-        _equal(stated["on_parent"], own_joint.T_parent_joint[:3])
-        and _equal(stated["on_child"], own_joint.T_child_joint[:3])
-        and _equal(stated["child_in_joint"], T_joint_child[:3], _ROUNDING)
+        _equal(stated["on_parent"], cad_joint.T_parent_joint[:3])
+        and _equal(stated["on_child"], cad_joint.T_child_joint[:3])
+        and _equal(stated["child_in_joint"], T_joint_child[:3], _COMPUTED_DIFFERENCE)
     )
 
 
-def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
+def _compare_driven(stated: JsonMapping, mechanism: Mechanism) -> None:
     """Raise an error unless the driven coordinates and the couplings of a certificate are those of a mechanism."""
     first: dict[str, int] = {}  # coordinate of each joint, or the first of them
     count = 0
     for joint in mechanism.tree:
         first[joint.name] = count
-        count += _COORDINATES[joint.type]
+        count += _COORDINATES_OF_TYPE[joint.type]
     driven = [first[joint.name] for joint in mechanism.active]
     if list(stated["driven"]) != driven:
         raise TwinError("its driven joints are not those of the CAD")
@@ -171,28 +174,28 @@ def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
     for row, coupling in zip(stated["couplings"], mechanism.couplings, strict=True):
         scale = 1.0
         if mechanism.joint(coupling.joints[0]).is_angle:
-            scale = _ARM  # the certificate states couplings of turns as lengths
-        own_row = scale * np.array([*coupling.ratios, coupling.total])
+            scale = _COUPLING_LENGTH  # the certificate states couplings of turns as lengths
+        cad_row = scale * np.array([*coupling.ratios, coupling.total])
         coordinates = [first[name] for name in coupling.joints]
-        has_own_joints = list(row["coordinates"]) == coordinates
-        if not has_own_joints or not _equal([*row["ratios"], row["total"]], own_row, _ROUNDING):
+        has_same_joints = list(row["coordinates"]) == coordinates
+        if not has_same_joints or not _equal([*row["ratios"], row["total"]], cad_row, _COMPUTED_DIFFERENCE):
             raise TwinError(f"coupling {coupling.name} is not that of the CAD")
 
 
-def _equal(stated: Any, expected: Array, tolerance: float = 0.0) -> bool:
+def _equal(stated: ArrayLike, expected: Array, tolerance: float = 0.0) -> bool:
     """Return whether numbers of a certificate are those of the CAD or the plan."""
     numbers = np.array(stated, float)
     return numbers.shape == expected.shape and bool(np.abs(numbers - expected).max(initial=0.0) <= tolerance)
 
 
-_COORDINATES = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "fixed": 0}
+_COORDINATES_OF_TYPE = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "fixed": 0}
 """{type of a joint: number of its coordinates}."""
 
-_ROUNDING = 1e-14
+_COMPUTED_DIFFERENCE = 1e-14
 """Largest difference, in m or without a unit, of numbers that are computed: of inverses and of scaled ratios."""
 
-_PLANNED = 1e-9
+_PLANNED_DIFFERENCE = 1e-9
 """Largest difference of numbers that are planned anew."""
 
-_ARM = 0.1
+_COUPLING_LENGTH = 0.1
 """Length in m by which a certificate multiplies couplings of turns."""

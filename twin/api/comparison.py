@@ -35,21 +35,21 @@ if TYPE_CHECKING:
 EQUATIONS = "@equations"
 """End of the name of a side that is the equations of a robot: pa10@equations."""
 
-_ROWS = 100
+_EQUATION_STATES = 100
 """Number of states at which equations without joint lines are computed."""
 
-_FEWEST = 12
+_FEWEST_POSES = 12
 """Fewest of these states that must have a pose."""
 
-_SEED = 11
+_SEED_OF_STATES = 11
 
-_TURN = 0.4
+_LARGEST_TURN = 0.4
 """Largest distance from home of these states in rad."""
 
-_SLIDE = 0.02
+_LARGEST_SLIDE = 0.02
 """Largest distance from home of these states in m."""
 
-_TILT = 0.15
+_LARGEST_TILT = 0.15
 """Largest rotation about an axis from the home pose in rad."""
 
 _MOST_FOLDERS = 10
@@ -107,10 +107,10 @@ def compare(
         raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
     read_sides = []
     pairs = []
-    with ExitStack() as mirrors, mesh_cache():  # a file is read again with other numbers and the same meshes
+    with ExitStack() as copies, mesh_cache():  # a file is read again with other numbers and the same meshes
         for i, side in enumerate(sides):
             progress(f"read {labels[i]}", i / (2 * len(sides)))
-            read_sides.append(_side(side, labels[i], only, xacro, table, mirrors))
+            read_sides.append(_side(side, labels[i], only, xacro, table, copies))
         pairs_of_sides = list(combinations(read_sides, 2))
         for i, (first, second) in enumerate(pairs_of_sides):
             progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(pairs_of_sides)))
@@ -157,7 +157,7 @@ def _side(
     only: Sequence[str],
     xacro: XacroSettings | None,
     table: DhOptions,
-    mirrors: ExitStack,
+    copies: ExitStack,
 ) -> RobotSide:
     """Return a side as it was stated; `label` is its name in the result, `only` the joints that may move."""
     from twin.exchange.read.pose_table import is_pose_table
@@ -172,13 +172,13 @@ def _side(
     is_stage = path.suffix.lower() in STAGE_SUFFIXES
     if is_stage and path.is_file():
         side = replace(_robot_side(load(stated_side), label, only), path=path)
-        reread = _reread_stage(path, label, only, mirrors)
+        reread = _reread_stage(path, label, only, copies)
         if side.has_loops:  # the stage has other names and another order than the compared tree
             return replace(side, reread_closed=reread)
         return replace(side, reread=reread)
     if str(stated_side) in names() or path.is_dir() or is_stage:
         return _robot_side(load(stated_side), label, only)
-    return _described_side(path, label, only, xacro, table, mirrors)
+    return _described_side(path, label, only, xacro, table, copies)
 
 
 def _described_side(
@@ -187,7 +187,7 @@ def _described_side(
     only: Sequence[str],
     xacro: XacroSettings | None,
     table: DhOptions,
-    mirrors: ExitStack,
+    copies: ExitStack,
 ) -> RobotSide:
     """Return the side of a description file (URDF, xacro, MJCF, SDF, a table of Denavit-Hartenberg parameters, ...)."""
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
@@ -203,7 +203,7 @@ def _described_side(
         reader_settings = settings
     side = _file_side(path, label, only, reader_settings, table)
     side = replace(side, text=text, xacro_places=places)
-    reread = _reread(path, label, only, table, mirrors, text)
+    reread = _reread(path, label, only, table, copies, text)
     if side.has_loops:  # to close the loops again for each number would take minutes
         return replace(side, reread_closed=reread)
     return replace(side, reread=reread)
@@ -244,12 +244,12 @@ def _file_side(
     )
     if _is_table(path):
         joint_names = [joint.name for joint in imported.mechanism.tree]
-        return replace(side, dh_rows=_rows(path, table, joint_names))
+        return replace(side, dh_rows=_dh_rows(path, table, joint_names))
     return replace(side, tool_poses=_poses_of(imported.mechanism, side))
 
 
 def _reread(
-    path: Path, label: str, only: Sequence[str], table: DhOptions, mirrors: ExitStack, text: bytes | None
+    path: Path, label: str, only: Sequence[str], table: DhOptions, copies: ExitStack, text: bytes | None
 ) -> Callable[[bytes], RobotSide] | None:
     """Return a function that reads a changed text of a file; its first text was read in a guarded process.
 
@@ -257,7 +257,7 @@ def _reread(
     """
     from twin.comparison.file_numbers import has_numbers
 
-    data = _content(path) if text is None else text
+    data = _bytes_of(path) if text is None else text
     if data is None or not has_numbers(data, table=_is_table(path)):
         return None
     suffix = path.suffix
@@ -267,26 +267,26 @@ def _reread(
     def read_copy(copy: Path) -> RobotSide:
         return _file_side(copy, label, only, None, table, guarded=False)
 
-    return _Mirror(path, data, suffix, read_copy, mirrors).read
+    return _CopyReader(path, data, suffix, read_copy, copies).read
 
 
 def _reread_stage(
-    path: Path, label: str, only: Sequence[str], mirrors: ExitStack
+    path: Path, label: str, only: Sequence[str], copies: ExitStack
 ) -> Callable[[bytes], RobotSide] | None:
     """Return the same for a USD stage; None for a stage in binary form."""
     from twin.comparison.file_numbers import has_numbers
 
-    data = _content(path)
+    data = _bytes_of(path)
     if data is None or not has_numbers(data, table=False):
         return None
 
     def read_copy(copy: Path) -> RobotSide:
         return _robot_side(Robot(RobotSource(stage=copy)), label, only)
 
-    return _Mirror(path, data, path.suffix, read_copy, mirrors).read
+    return _CopyReader(path, data, path.suffix, read_copy, copies).read
 
 
-def _content(path: Path) -> bytes | None:
+def _bytes_of(path: Path) -> bytes | None:
     """Return the content of a file; None if it cannot be read."""
     try:
         return path.read_bytes()
@@ -294,23 +294,23 @@ def _content(path: Path) -> bytes | None:
         return None
 
 
-class _Mirror:
+class _CopyReader:
     """A temporary folder in which changed texts of one file are read again.
 
     It has the entries of the file's folder, and of the two folders above, at the same depth, so that references to
-    them, also those with `../`, lead to the same files. It is made at the first text, and removed when `mirrors` is
+    them, also those with `../`, lead to the same files. It is made at the first text, and removed when `copies` is
     closed.
     """
 
     def __init__(
-        self, path: Path, data: bytes, suffix: str, read_copy: Callable[[Path], RobotSide], mirrors: ExitStack
+        self, path: Path, data: bytes, suffix: str, read_copy: Callable[[Path], RobotSide], copies: ExitStack
     ) -> None:
         self._path = path.resolve()
         self._name = path.stem
         self._data = data
         self._suffix = suffix
         self._read_copy = read_copy
-        self._mirrors = mirrors
+        self._copies = copies
         self._folder: Path | None = None
         self._failed = False
         self._count = 0
@@ -348,7 +348,7 @@ class _Mirror:
 
     def _make_folder(self) -> Path:
         """Return the folder of the copies, as deep as the original, each folder with links to the other entries."""
-        folder = Path(self._mirrors.enter_context(TemporaryDirectory(prefix="twin-compare-")))
+        folder = Path(self._copies.enter_context(TemporaryDirectory(prefix="twin-compare-")))
         original = self._path.parent
         levels = [original.parent.parent, original.parent, original]
         for above, below in pairwise(levels):
@@ -368,7 +368,7 @@ def _link_entries(source: Path, folder: Path, omitted: str) -> None:
             (folder / entry.name).symlink_to(entry)
 
 
-def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhTableRow, ...]:
+def _dh_rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[DhTableRow, ...]:
     """Return the rows of a table; `names` are those of its joints, whose bodies are link1, link2, ..."""
     from twin.comparison.side import DhTableRow
     from twin.exchange.formats.dh.table import read_table, unit_size
@@ -565,24 +565,24 @@ def _sampled_poses(robot: Robot, kin: Kinematics, forward: Callable[[Array], Arr
         columns_of_equations.append(kin.joints.index(joint.name))
     mechanism = robot.mechanism
     home = robot.reference().home()
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(_SEED_OF_STATES)
     if kin.closed_forward:
         centre = home.q[columns]
-        half = np.where(angles, _TURN, _SLIDE)
+        half = np.where(angles, _LARGEST_TURN, _LARGEST_SLIDE)
         limits = mechanism.limits[columns]
         low = np.maximum(limits[:, 0], centre - half)
         high = np.minimum(limits[:, 1], centre + half)
-        q = rng.uniform(low, high, (_ROWS, len(names)))
+        q = rng.uniform(low, high, (_EQUATION_STATES, len(names)))
         T = forward(q)
     else:
-        rotations = spatial.exp_so3(rng.uniform(-_TILT, _TILT, (_ROWS, 3)))
-        shifts = rng.uniform(-_SLIDE, _SLIDE, (_ROWS, 3))
+        rotations = spatial.exp_so3(rng.uniform(-_LARGEST_TILT, _LARGEST_TILT, (_EQUATION_STATES, 3)))
+        shifts = rng.uniform(-_LARGEST_SLIDE, _LARGEST_SLIDE, (_EQUATION_STATES, 3))
         T = home.T_base_tool @ spatial.pose(rotations, shifts)
         q = kin.inverse_many(T)[:, columns_of_equations]
         low, high = mechanism.limits[columns].T
         # the other side may refuse states beyond its limits
         q[((q < low) | (q > high)).any(axis=1)] = np.nan
     has_pose = np.isfinite(q).all(axis=1) & np.isfinite(T).all(axis=(1, 2))
-    if has_pose.sum() < _FEWEST:
-        raise TwinError(f"{robot.name}: its equations have no poses at {_ROWS} states about home")
+    if has_pose.sum() < _FEWEST_POSES:
+        raise TwinError(f"{robot.name}: its equations have no poses at {_EQUATION_STATES} states about home")
     return PoseRows(tuple(names), tuple(angles), q[has_pose], T[has_pose], computed=True)

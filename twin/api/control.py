@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SEEDS = (0, 1)
 """Seeds of the runs in which the errors of masses and friction have random signs."""
 
-_CURVE = tuple(percent / 100 for percent in range(-20, 21, 5))
+_INERTIA_ERRORS = tuple(percent / 100 for percent in range(-20, 21, 5))
 """Relative errors of the inertias at which the curve of the tip error is computed."""
 
 
@@ -104,7 +104,7 @@ def track(
         series = {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}
         for name, conditions in series.items():
             report = partial(progress, "error curve")
-            curves[name] = error_curve(arm, motion, _CURVE, conditions, report)
+            curves[name] = error_curve(arm, motion, _INERTIA_ERRORS, conditions, report)
     phases = []
     for phase in planned.phases:
         phases.append((phase.name, phase.type, phase.t0, phase.t1))

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from twin.exchange.xacro import XacroSettings
     from twin.model.mechanism import Mechanism
 
-_DRAWN = 96
+_RANDOM_STATES = 96
 """Number of joint states that are drawn for an audit."""
 
-_COMPARED = 24
+_COMPARED_STATES = 24
 """Number of the drawn states at which an audit compares a file: all of them would take seconds more."""
 
 
@@ -110,8 +110,8 @@ def _states(mechanism: Mechanism) -> SampledStates:
     from twin.reference.joint_range import joint_range
 
     model = ReferenceModel(mechanism)
-    run = joint_range(model, _DRAWN).run
-    chosen = spread(len(run.x), _COMPARED)
+    run = joint_range(model, _RANDOM_STATES).run
+    chosen = spread(len(run.x), _COMPARED_STATES)
     joints: dict[str, Array] = {}
     for i, joint in enumerate(mechanism.active):
         joints[joint.name] = run.q[chosen, i]

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from twin.model.scene import Scene
     from twin.model.transmission import Transmission
 
-LINES = 30
+BRIEF_LINES = 30
 """Largest number of lines of the brief form of `twin info`."""
 
-_DRIVEN = 10
+_BRIEF_JOINTS = 10
 """Largest number of driven joints in the brief form."""
 
-_FINDINGS = 2
+_BRIEF_FINDINGS = 2
 """Largest number of findings in the brief form; each can take two lines."""
 
-_NAMES = 8
+_BRIEF_NAMES = 8
 """Largest number of names in one line of the brief form."""
 
 SCENE_COMMANDS = ("info", "run", "view", "serve", "export")
@@ -118,7 +118,7 @@ class Info(Result):
         yield from self.findings
 
     def brief(self, word: str) -> Iterator[Part]:
-        """Yield at most `LINES` lines: the driven joints, names, counts of the rest, and the most severe findings.
+        """Yield at most `BRIEF_LINES` lines: driven joints, names, counts of the rest, and the most severe findings.
 
         `word` is the name or path of the robot in the command that shows all.
         """
@@ -136,9 +136,9 @@ class Info(Result):
             f"  {self.bodies} bodies, {len(joints)} joints, {data['degrees_of_freedom']} degrees of freedom, "
             f"{data['redundant_constraints']} redundant constraints; {loops} loops\n"
         )
-        yield TextTable(_JOINT_COLUMNS, driven[:_DRIVEN])
-        if len(driven) > _DRIVEN:
-            yield f"  and {len(driven) - _DRIVEN} more driven joints"
+        yield TextTable(_JOINT_COLUMNS, driven[:_BRIEF_JOINTS])
+        if len(driven) > _BRIEF_JOINTS:
+            yield f"  and {len(driven) - _BRIEF_JOINTS} more driven joints"
         yield ""
         passive = len(joints) - len(driven)
         yield f"  passive joints  {passive}"
@@ -168,9 +168,9 @@ class Info(Result):
         for finding in by_severity(self.findings):
             if finding.severity != "info":
                 severe.append(finding)
-        yield from severe[:_FINDINGS]
-        if len(severe) > _FINDINGS:
-            yield f"  and {len(severe) - _FINDINGS} more findings"
+        yield from severe[:_BRIEF_FINDINGS]
+        if len(severe) > _BRIEF_FINDINGS:
+            yield f"  and {len(severe) - _BRIEF_FINDINGS} more findings"
         yield f"  All joints, motors and parameters: twin info {word} --all"
 
     @property
@@ -404,10 +404,10 @@ def _transmission(transmission: Transmission) -> JsonObject:
 
 
 def _few(names: Sequence[str]) -> str:
-    """Return the first `_NAMES` names, and how many there are more."""
-    text = ", ".join(names[:_NAMES]) or "none"
-    if len(names) > _NAMES:
-        text += f" and {len(names) - _NAMES} more"
+    """Return the first `_BRIEF_NAMES` names, and how many there are more."""
+    text = ", ".join(names[:_BRIEF_NAMES]) or "none"
+    if len(names) > _BRIEF_NAMES:
+        text += f" and {len(names) - _BRIEF_NAMES} more"
     return text
 
 

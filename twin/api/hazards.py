@@ -38,7 +38,7 @@ FILE = "hazards.jsonl"
 TRENDS = "trends"
 """Name, without suffix, of the file in the robot's folder `campaigns` with the settings of `trends`."""
 
-_POLL = 0.05
+_POLL_INTERVAL = 0.05
 """Time in s between two checks of the processes."""
 
 
@@ -135,7 +135,7 @@ def _run_sessions(share: Share, remaining: list[int], processes: int, log: Log, 
     for _ in range(count):
         streams.append(Stream(outcomes))
 
-    def give(stream: Stream[JsonObject]) -> None:
+    def send_next(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
         # half of this process's share of what remains: slow sessions do not leave one process alone at the end
         size = math.ceil(len(remaining) / (2 * count))
@@ -145,7 +145,7 @@ def _run_sessions(share: Share, remaining: list[int], processes: int, log: Log, 
 
     try:
         for stream in streams:
-            give(stream)
+            send_next(stream)
         running = list(streams)
         finished = 0
         while running:
@@ -160,10 +160,10 @@ def _run_sessions(share: Share, remaining: list[int], processes: int, log: Log, 
                 if state:
                     raise TwinError(f"a process of the campaign failed: {state}; {_resume_advice(log)}")
                 if remaining:
-                    give(stream)
+                    send_next(stream)
                 else:
                     running.remove(stream)
-            time.sleep(_POLL)
+            time.sleep(_POLL_INTERVAL)
     finally:
         for stream in streams:
             stream.close()
@@ -211,14 +211,14 @@ def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -
     }
     log = Log(folder / FILE, head)
     try:
-        _require_own(plan, log)
+        _require_same_campaign(plan, log)
     except TwinError:
         log.close()
         raise
     return log
 
 
-def _require_own(plan: Campaign, log: Log) -> None:
+def _require_same_campaign(plan: Campaign, log: Log) -> None:
     """Raise an error if a line of the log is not the outcome of a session of the campaign.
 
     Raises:
@@ -250,7 +250,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
             fault += f"; expected {expected_values[key]!r}"
         raise OutputError(
             f"{log.path}: session {index}: {fault}. Delete the line of this session to run the session "
-            "again, or give another --out"
+            "again, or send_next another --out"
         )
 
 

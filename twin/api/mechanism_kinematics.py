@@ -15,12 +15,12 @@ from twin.reference import ReferenceModel
 from twin.reference.joint_range import joint_range
 from twin.reference.states import Assembly
 
-_REACHED = 1e-6
+_REACHED_WITHIN = 1e-6
 """Largest difference of a tool pose from the requested pose, in m and rad."""
 
 _FREEDOMS_OF_A_POSE = 6
 
-_STARTS = 128
+_SEARCH_STARTS = 128
 """Number of states over the joint range from which a pose is searched that is not found from the seed."""
 
 
@@ -109,7 +109,7 @@ class MechanismKinematics:
             assembly = error.best
         if isinstance(assembly, Assembly) and self._is_at(assembly.T_base_tool, T):
             return assembly
-        # the start alone first: it is one solve instead of `_STARTS`, and its answer is on the same branch most often
+        # the start alone first: one solve instead of `_SEARCH_STARTS`, and its answer is most often on the same branch
         for states in (start.x[None], self._spread):
             state = self._nearest(states, T, start, same_branch)
             if state is not None:
@@ -137,7 +137,7 @@ class MechanismKinematics:
     @cached_property
     def _spread(self) -> Array:
         """Configurations (k, nq) over the range of the driven joints."""
-        return joint_range(self._model, _STARTS).run.x
+        return joint_range(self._model, _SEARCH_STARTS).run.x
 
     def _unreached(self, nearest: object, T_base_tool: Array) -> str:
         """Return the message that a pose is not reached."""
@@ -154,7 +154,7 @@ class MechanismKinematics:
 
     @staticmethod
     def _is_at(T_base_tool: Array, T_requested: Array) -> bool:
-        return bool(np.abs(T_base_tool - T_requested).max() <= _REACHED)
+        return bool(np.abs(T_base_tool - T_requested).max() <= _REACHED_WITHIN)
 
     def inverse_of_all(self, Ts: Array, seed: Array | None = None) -> Array:
         """Return q (k, n) at poses (k, 4, 4), each from the solution of the pose before, the first as `inverse`.

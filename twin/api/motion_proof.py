@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     from twin.proof.motion.motion_claims import MotionClaim, MotionProof
     from twin.proof.motion.path import TimedPath, TimedPhase
 
-_CONSISTENT = 1e-8
+_SAMPLE_TOLERANCE = 1e-8
 """Distance in SI units by which a sampled value may be beyond a proved bound: errors of solvers and of the series."""
 
 _CLEARANCE = 1 * MM
 """Pairs of bodies that are nearer than twice this in the CAD touch by design; their clearance is not proved."""
 
-_WITHIN = 0.5 * MM
+_FIRST_DIFFERENCE = 0.5 * MM
 """Accepted difference between the smallest distance that is found and the proved one, at first."""
 
 _TOUCHING = 1e-6
 """Distance in m below which bodies touch: a bound below it would say no more, and its search would not end."""
 
-_MOST_NAMED = 4
+_NAMED_CLAIMS = 4
 """Number of claims that a finding names."""
 
-_TIGHT = 1.4
+_LARGEST_BOUND_RATIO = 1.4
 """Ratio of the smallest distance that is found to the proved one, above which the difference is made smaller."""
 
 
@@ -356,16 +356,16 @@ def _clearances(
     for k, span in enumerate(trajectory.phases):
         progress(f"clearance: phase {span.name}", k / len(trajectory.phases))
         assert span.curve is not None  # see `_timed_phase`
-        within = _WITHIN
+        within = _FIRST_DIFFERENCE
         try:
             certificate = space.certify(span.curve.joints, within)
             # nearer bodies need a smaller difference
             if (
                 np.isfinite(certificate.found)
-                and certificate.found > _TIGHT * certificate.proven
+                and certificate.found > _LARGEST_BOUND_RATIO * certificate.proven
                 and certificate.found > _TOUCHING
             ):
-                within = certificate.found * (1.0 - 1.0 / _TIGHT)
+                within = certificate.found * (1.0 - 1.0 / _LARGEST_BOUND_RATIO)
                 certificate = space.certify(span.curve.joints, within)
         except MechanismError as problem:
             open_phases[span.name] = str(problem)
@@ -427,15 +427,15 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
         value = motion.extreme(claim)
         if value is not None and np.isfinite(claim.bound):
             beyond = claim.low - value if claim.smallest else value - claim.high
-            if beyond > _CONSISTENT * max(1.0, abs(value)):
+            if beyond > _SAMPLE_TOLERANCE * max(1.0, abs(value)):
                 text = (
                     f"{motion.protocol}: {name}: a sample is {shown(value, claim.unit)}, beyond the proved bound "
                     f"{shown(claim.bound, claim.unit)}: the path that is proved is not the path that was sampled"
                 )
                 findings.append(error("prove.inconsistent", claim.name, text, when=when))
     for reason, names in unproved.items():
-        text = f"{motion.protocol}: not proved: {', '.join(names[:_MOST_NAMED])}"
-        if len(names) > _MOST_NAMED:
-            text += f" and {len(names) - _MOST_NAMED} more"
+        text = f"{motion.protocol}: not proved: {', '.join(names[:_NAMED_CLAIMS])}"
+        if len(names) > _NAMED_CLAIMS:
+            text += f" and {len(names) - _NAMED_CLAIMS} more"
         findings.append(error("prove.open", motion.protocol, f"{text}; {reason}"))
     return findings

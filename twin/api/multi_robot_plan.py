@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from twin.planning.rounds import SearchRounds
     from twin.reference.joint_space import JointSpace
 
-_STILL = 1e-9
+_NO_MOTION = 1e-9
 """Change in m or rad below which a joint counts as not moved."""
 
 
@@ -74,7 +74,7 @@ class _Arm:
     def moves(self, phase: int) -> bool:
         """Return whether a joint of this arm moves in a phase."""
         start, end = self.ends(phase)
-        return bool(np.abs(end - start).max() > _STILL)
+        return bool(np.abs(end - start).max() > _NO_MOTION)
 
     def phase_name(self, phase: int) -> str:
         """Return the name of a phase of this arm; "at rest" after its last one."""
@@ -256,11 +256,13 @@ class _Plan:
                     raise ProtocolError(f"{arm.name} at '{arm.waypoint(phase)}': {reason}. Change this waypoint")
                 start, _ = arm.ends(phase)
                 starts.append(start)
-            reason = self.spaces[-1].why(np.concatenate(starts))
+            q = np.concatenate(starts)
+            reason = self.spaces[-1].why(q)
             if reason:
                 where = self._waypoints(phase, "at")
                 advice = "Change a waypoint"
-                if " mm apart (" in reason:
+                distance = self.spaces[-1].too_small_distance(q)
+                if distance is not None and distance > 0:  # for bodies that collide, a lower clearance would not help
                     advice += ", or lower the clearance"
                 raise ProtocolError(f"{where}: {reason}. {advice}")
             moving_arms = [arm for arm in self.arms if arm.moves(phase)]

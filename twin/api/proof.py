@@ -35,12 +35,12 @@ MOST_STATES = 1_000_000
 
 _FEWEST_STATES = 64
 
-_MOST_READ = 6
+_SHOWN_TERMS = 6
 """Maximum number of terms of an error that a finding shows: a longer one would not be read."""
 
 _LONGEST_NAME = 100
 
-_SHOWN = 4
+_NAMED_CLAIMS = 4
 """Number of claims that are named together if they are not proved for one reason."""
 
 
@@ -286,16 +286,16 @@ def _listed(values: Sequence[str]) -> str:
     return "; ".join(texts)
 
 
-_KINDS = ("passive joint", "margin", "measure", "aspect")
+_UNCLAIMED_KINDS = ("passive joint", "margin", "measure", "aspect")
 """Kinds of values of equations that no claim covers: the first words of their names."""
 
 
 def _kind_of(value: str) -> str:
     """Return the kind at the beginning of a name such as "margin arm"."""
-    for kind in _KINDS:
+    for kind in _UNCLAIMED_KINDS:
         if value.startswith(kind):
             return kind
-    raise AssertionError(f"'{value}' has none of the kinds {', '.join(_KINDS)}")
+    raise AssertionError(f"'{value}' has none of the kinds {', '.join(_UNCLAIMED_KINDS)}")
 
 
 def _findings(proof: Proof) -> list[Finding]:
@@ -311,14 +311,14 @@ def _findings(proof: Proof) -> list[Finding]:
     if proof.count("refuted"):
         finding_of_open = warning  # the verdict is that of the refuted claims
     for reason, claims in open_claims.items():
-        text = f"not proved: {', '.join(claims[:_SHOWN])}"
-        if len(claims) > _SHOWN:
-            text += f" and {len(claims) - _SHOWN} more"
+        text = f"not proved: {', '.join(claims[:_NAMED_CLAIMS])}"
+        if len(claims) > _NAMED_CLAIMS:
+            text += f" and {len(claims) - _NAMED_CLAIMS} more"
         findings.append(finding_of_open("prove.open", claims[0], f"{text}; {reason}"))
-    for number, form in list(proof.recognised_lengths.items())[:_SHOWN]:
+    for number, form in list(proof.recognised_lengths.items())[:_NAMED_CLAIMS]:
         text = f"{number} of the CAD is taken as {form}; the number in the file stays as it is"
         findings.append(info("prove.number", number, text))
-    for number, exact_form in list(proof.near_numbers.items())[:_SHOWN]:
+    for number, exact_form in list(proof.near_numbers.items())[:_NAMED_CLAIMS]:
         text = (
             f"{number} is {exact_form}, but for its last digit; it is taken as written: "
             "give more digits if that is meant"
@@ -340,7 +340,7 @@ def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
         if name not in drawn:
             witness.append(f"{name} = {value:.6g}")
     text = f"it is not so that {claim.sentence}"
-    if claim.error_terms > _MOST_READ:
+    if claim.error_terms > _SHOWN_TERMS:
         text += f'; the error is a polynomial of {claim.error_terms} terms: see "error" with --json'
     elif claim.error:
         text += f"; the error is {claim.error}"

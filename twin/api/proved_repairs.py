@@ -13,7 +13,7 @@ from twin.proof.equality import equal_outputs
 from twin.proof.prove import Proof, prove
 from twin.validation.explain.proved_repairs import ProofOfRepair
 
-_SHOWN = 3
+_NAMED_CLAIMS = 3
 """Number of claims that are named."""
 
 
@@ -80,7 +80,7 @@ def _distance(proof: Proof, claim: JudgedClaim) -> str:
 
 def _named(claims: list[JudgedClaim]) -> str:
     """Return the names of some claims, with the reason of the first."""
-    names = ", ".join(claim.name for claim in claims[:_SHOWN])
-    if len(claims) > _SHOWN:
-        names += f" and {len(claims) - _SHOWN} more"
+    names = ", ".join(claim.name for claim in claims[:_NAMED_CLAIMS])
+    if len(claims) > _NAMED_CLAIMS:
+        names += f" and {len(claims) - _NAMED_CLAIMS} more"
     return f"{names}; {claims[0].reason}"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from twin.validation.group_study import CheckedTables
     from twin.validation.group_tables import GroupTables
 
-_NEXT = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
+_ADVICE = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Study(Result):
     def what_to_do(self) -> str:
         """What to do about values that do not follow from the printed rows, in one line; "" if all values follow."""
         if self.verdict == "disagree":
-            return _NEXT
+            return _ADVICE
         return ""
 
     def content(self) -> JsonObject:

@@ -28,7 +28,7 @@ from twin.exchange.write.order_of_robot import order_of_robot
 _QUICK_LOOKS = "*_ar.usdz"
 """Pattern of the files of AR Quick Look: an export of chosen protocols has one for each, another one only one."""
 
-_AT_HOME = 1e-5
+_HOME_DIFFERENCE = 1e-5
 """Maximum difference of two matrices of the pose of a link at rest, in m or without a unit."""
 
 _NO_EXPORT = NewExport(None)
@@ -138,7 +138,7 @@ def _one_rests_at(home: Mapping[str, Array], rests: Iterable[Mapping[str, Array]
         distances = [0.0]
         for link in home.keys() & rest.keys():
             distances.append(float(np.abs(home[link] - rest[link]).max()))
-        if max(distances) < _AT_HOME:
+        if max(distances) < _HOME_DIFFERENCE:
             return True
     return False
 

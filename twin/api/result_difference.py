@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement, warning
@@ -18,13 +18,13 @@ from twin.core.format import EXACT
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Line, Part, Result, TextTable
 
-_FACTOR = 1.5
+_CHANGED_RATIO = 1.5
 """Ratio of two residuals above which they count as different: smaller changes are rounding or another machine."""
 
-_NOTHING = 0.01
+_ROUNDING_SHARE = 0.01
 """Fraction of its tolerance up to which deviations count as equal: they are rounding, in which two runs differ."""
 
-_ROWS = 20
+_SHOWN_RESIDUALS = 20
 """Largest number of changed residuals that are shown."""
 
 _COLORS = {"agree": "bold green", "disagree": "bold red", "unchecked": "bold yellow"}
@@ -61,7 +61,7 @@ class ResultDifference(Result):
         files: paths of the two results, first the older.
         verdicts: their verdicts.
         appeared, gone: findings that only the second result has, or only the first.
-        residuals: rows of the residual matrix that differ by more than a factor `_FACTOR`, largest ratio first.
+        residuals: rows of the residual matrix that differ by more than a factor `_CHANGED_RATIO`, largest ratio first.
         protocols: names of the protocols of both results; "" if a result has none.
 
     JSON writes a deviation that is missing and one that is not finite as null; `in_first` and `in_second` say which.
@@ -129,11 +129,11 @@ class ResultDifference(Result):
                 yield f"    {finding.get('severity', '')}: {finding.get('message', '')}"
         if self.residuals:
             rows = []
-            for row in self.residuals[:_ROWS]:
+            for row in self.residuals[:_SHOWN_RESIDUALS]:
                 rows.append((row.name, _value_text(row.before, row.unit), _value_text(row.after, row.unit)))
             yield TextTable(("residual", "first", "second"), rows)
-            if len(self.residuals) > _ROWS:
-                yield f"  and {len(self.residuals) - _ROWS} more residuals"
+            if len(self.residuals) > _SHOWN_RESIDUALS:
+                yield f"  and {len(self.residuals) - _SHOWN_RESIDUALS} more residuals"
         if not (self.appeared or self.gone or self.residuals):
             yield "  no finding and no residual differs"
 
@@ -191,7 +191,7 @@ def _name(data: JsonMapping, key: str) -> str:
     return value if isinstance(value, str) else ""
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> JsonObject:
     """Return the data of one result, of which `path` is the file or the folder.
 
     Raises:
@@ -215,7 +215,7 @@ def _read(path: Path) -> dict[str, Any]:
     return data
 
 
-def _of_folder(folder: Path) -> dict[str, Any]:
+def _of_folder(folder: Path) -> JsonObject:
     """Return the data of the result in a folder; other files, such as a certificate, may be beside it.
 
     Raises:
@@ -224,8 +224,8 @@ def _of_folder(folder: Path) -> dict[str, Any]:
     files = sorted(folder.glob("*.json"))
     if len(files) == 1:
         return _read(files[0])
-    all_results: list[dict[str, Any]] = []
-    named_results: list[dict[str, Any]] = []
+    all_results: list[JsonObject] = []
+    named_results: list[JsonObject] = []
     for file in files:
         with contextlib.suppress(TwinError):  # not a result
             data = _read(file)
@@ -322,7 +322,7 @@ def _changed(before_value: object, after_value: object) -> tuple[ChangedResidual
         before_row = first.get(name)
         after_row = second.get(name)
         ratio = _ratio(before_row, after_row)
-        if ratio <= _FACTOR:
+        if ratio <= _CHANGED_RATIO:
             continue
         unit = ""
         before_value = None
@@ -378,7 +378,7 @@ def _rows(residuals: object) -> dict[str, _JudgedDeviation]:
         tolerance = _number(row["tolerance"])
         rounding = 0.0  # a tolerance that is not a number excuses nothing
         if not math.isnan(tolerance):
-            rounding = _NOTHING * tolerance
+            rounding = _ROUNDING_SHARE * tolerance
         value = _number(row.get("worst"))
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
         if name not in rows or _is_worse(value, rows[name].value):

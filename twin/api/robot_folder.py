@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from twin.exchange.xacro import XacroSettings
     from twin.model.mechanism import Mechanism
 
-_SHOWN = 3
+_PRINTED_FINDINGS = 3
 """Maximum number of printed findings of one kind; the notes contain all findings."""
 
 
@@ -64,16 +64,16 @@ class NewRobot(Result):
         }
 
     def text(self) -> Iterator[Part]:
-        """Yield the warnings, at most `_SHOWN` of each kind, then what was written and the next commands."""
+        """Yield the warnings, at most `_PRINTED_FINDINGS` of each kind, then what was written and the next commands."""
         findings_by_code: dict[str, list[Finding]] = {}
         for finding in self.findings:
             if finding.severity != "info":
                 findings_by_code.setdefault(finding.code, []).append(finding)
         for code, findings in findings_by_code.items():
-            for finding in findings[:_SHOWN]:
+            for finding in findings[:_PRINTED_FINDINGS]:
                 yield f"  {finding.severity}: {finding.message}"
-            if len(findings) > _SHOWN:
-                yield f"    and {len(findings) - _SHOWN} more of {code}"
+            if len(findings) > _PRINTED_FINDINGS:
+                yield f"    and {len(findings) - _PRINTED_FINDINGS} more of {code}"
         loops = ""
         if self.mechanism.loops:
             loops = f", {len(self.mechanism.loops)} loops closed within {self.gap:.2g} m"

@@ -34,13 +34,13 @@ from twin.model.deformable import Bend
 from twin.model.movable import Movable, together
 from twin.model.scene import Place, Scene, load_scene
 
-_TOLERANCE = 1 * UM
+_POSITION_TOLERANCE = 1 * UM
 """Maximum distance in m between two world positions of a link: in the scene's stage, and in its robot's bundle."""
 
 _START_DECIMALS = 13
 """Decimals of the joint values in scene.json, as of the poses in exported files."""
 
-_RATE = 60.0
+_ORGAN_RATE = 60.0
 """Rate in Hz at which the motion of organs is simulated and written."""
 
 
@@ -225,7 +225,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
     organs = anatomy_of(scene)
     if organs is None or not duration:  # organs move only because robots touch them
         return []
-    times = np.arange(round(duration * _RATE) + 1) / _RATE
+    times = np.arange(round(duration * _ORGAN_RATE) + 1) / _ORGAN_RATE
     places = {place.name: place for place in scene.places}
     tools = []
     poses = []
@@ -237,7 +237,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
             Ts_base_body = poses_between_keys(keys, links[body], times)
             poses.append(places[robot].T_world_base @ Ts_base_body)
     tissues = tissue_scene.tissues(scene, organs)
-    return tissue_scene.followed(tissues, tools, poses, 1 / _RATE)
+    return tissue_scene.followed(tissues, tools, poses, 1 / _ORGAN_RATE)
 
 
 def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bends: Sequence[Bend]) -> Path:
@@ -317,14 +317,14 @@ def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
 def _check_data(worst: float, where: str, when: str) -> JsonObject:
     """Return a check of the scene's stage as plain data; `worst` is in m, NaN if a link is missing."""
     verdict = "disagree"  # also for NaN, which no comparison accepts
-    if worst <= _TOLERANCE:
+    if worst <= _POSITION_TOLERANCE:
         verdict = "agree"
     return {
         "check": "every link in the world frame, at the first, middle and last key",
         "tool": "pxr",
         "worst": worst if np.isfinite(worst) else None,
         "unit": "m",
-        "tolerance": _TOLERANCE,
+        "tolerance": _POSITION_TOLERANCE,
         "verdict": verdict,
         "where": ", ".join(filter(None, (where, when))),
     }
@@ -336,7 +336,9 @@ def _finding(check: JsonObject) -> Finding:
         what = f"{where} in the scene's stage is missing or not a number"
         return disagreement("export.scene", where, what, None, None, word="tolerance")
     what = f"displacement of {where} in the scene's stage from the pose in the robot's files"
-    return disagreement("export.scene", where, what, Quantity(check["worst"], "m"), _TOLERANCE, word="tolerance")
+    return disagreement(
+        "export.scene", where, what, Quantity(check["worst"], "m"), _POSITION_TOLERANCE, word="tolerance"
+    )
 
 
 def _readme(scene: Scene, formats: Sequence[str]) -> str:

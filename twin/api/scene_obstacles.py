@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from twin.api.robot_loading import load
 from twin.api.scene_loading import load_scene, place_of
@@ -11,6 +11,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
+    from twin.api.robot import Robot
     from twin.model.scene import Scene
     from twin.reference.collision_pairs import Obstacle
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 def obstacles_in_base(
     scene: str,
     robot: str,
-    load: Callable[[str], Any] = load,
+    load: Callable[[str], Robot] = load,
     poses: Mapping[str, Mapping[str, Array]] | None = None,
 ) -> list[Obstacle]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
@@ -36,7 +37,7 @@ def obstacles_in_base(
     return _load_obstacles(read_scene, {place.name: ""}, place.T_world_base, load, poses or {})
 
 
-def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Obstacle]:
+def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Robot]) -> list[Obstacle]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
     `names` are the names of the planned robots, which are not obstacles. In the result, `Obstacle.touches` lists the
@@ -53,7 +54,7 @@ def _load_obstacles(
     scene: Scene,
     prefixes: Mapping[str, str],
     T_world_base: Array,
-    load: Callable[[str], Any],
+    load: Callable[[str], Robot],
     poses: Mapping[str, Mapping[str, Array]],
 ) -> list[Obstacle]:
     """Load the props and the robots that have no prefix in `prefixes`, as obstacles; see `twin.reference.obstacles`."""

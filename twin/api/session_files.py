@@ -33,7 +33,7 @@ from twin.simulation.world.signal_kinds import (
 if TYPE_CHECKING:
     from twin.exchange.write.clip import Clip
 
-_STRIDE = 4
+_SAMPLES_PER_ROW = 4
 """Number of samples from one written row or key to the next: 4 samples of 5 ms (`session_run.SAMPLE`), 50 per s."""
 
 _PEDAL_SIGNALS = ("clutch", "camera", "scale")
@@ -74,7 +74,7 @@ class SessionFiles:
 
     def _write_csv(self, path: Path) -> None:
         columns = self._columns()
-        rows = np.column_stack(list(columns.values()))[::_STRIDE]
+        rows = np.column_stack(list(columns.values()))[::_SAMPLES_PER_ROW]
         np.savetxt(path, rows, "%.9g", ",", header=",".join(columns), comments="")
 
     def _columns(self) -> dict[str, Array]:
@@ -148,7 +148,7 @@ class SessionFiles:
         write_usd(mechanism, [clip], folder / "usd")
 
     def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
-        """Return the motion of a mechanism as a clip with a key at every `_STRIDE`-th sample.
+        """Return the motion of a mechanism as a clip with a key at every `_SAMPLES_PER_ROW`-th sample.
 
         Args:
             name: name of the robot's place, or "objects".
@@ -160,7 +160,7 @@ class SessionFiles:
         from twin.exchange.write.stage_clip import coordinates
 
         t = self.recording.t
-        keys = key_rows(len(t), _STRIDE)
+        keys = key_rows(len(t), _SAMPLES_PER_ROW)
         # the last digits depend on the processor, and the exported files must not
         links = rounded(poses)
         at_keys = {link: Ts[keys] for link, Ts in links.items()}
@@ -173,7 +173,7 @@ class SessionFiles:
             coordinates(mechanism, at_keys),
             tuple(joint.name for joint in mechanism.active),
             (("session", 0.0, float(t[-1])),),
-            1 / (_STRIDE * self.recording.dt),
+            1 / (_SAMPLES_PER_ROW * self.recording.dt),
             interpolation_errors(mechanism, t, links, keys, reaches),
             frame=mechanism.tool,
             phase_rcm=(None,),
@@ -186,12 +186,12 @@ class SessionFiles:
         """Write an MCAP file with messages in JSON, and beside it one with messages of ROS 2."""
         from twin.exchange.formats.mcap.write import write_mcap
 
-        t = self.recording.t[::_STRIDE]
+        t = self.recording.t[::_SAMPLES_PER_ROW]
         link_poses = self._world_poses()
         joint_values: dict[str, Array] = {}
         for name, arm in self.arms.items():
             for j, joint in enumerate(arm.mechanism.active):
-                joint_values[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
+                joint_values[f"{name}/{joint.name}"] = arm.q[::_SAMPLES_PER_ROW, j]
         console_values = self._console_values()
         write_mcap(path, t, link_poses, joint_values, console_values)
         if find_spec("mcap_ros2") is not None:  # without it, a finding of the session says so
@@ -207,33 +207,33 @@ class SessionFiles:
         for name, arm in self.arms.items():
             joints_of_robots[name] = {}
             for j, joint in enumerate(arm.mechanism.active):
-                joints_of_robots[name][joint.name] = arm.q[::_STRIDE, j]
+                joints_of_robots[name][joint.name] = arm.q[::_SAMPLES_PER_ROW, j]
         hand_tracks = {}
         for hand in self._hand_names:
-            poses = self.recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
+            poses = self.recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_SAMPLES_PER_ROW]
             # MTML and MTMR, as the da Vinci Research Kit names its handles in ROS
             hand_tracks[f"MTM{hand[0].upper()}"] = HandTrack(poses, console_values[f"{hand}_grip"])
         pedals = {"clutch": console_values["clutch"], "camera": console_values["camera"]}
         write_ros2_mcap(path, t, link_poses, joints_of_robots, hand_tracks, pedals, console_values["scale"])
 
     def _world_poses(self) -> dict[str, Array]:
-        """Return {object, or place/link: T_world_body} of every `_STRIDE`-th sample."""
+        """Return {object, or place/link: T_world_body} of every `_SAMPLES_PER_ROW`-th sample."""
         poses: dict[str, Array] = {}
         for name in self._moved_objects:
-            poses[name] = self.recording[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_STRIDE]
+            poses[name] = self.recording[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_SAMPLES_PER_ROW]
         for name, arm in self.arms.items():
             for link, Ts in arm.links.items():
-                poses[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
+                poses[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_SAMPLES_PER_ROW]
         return poses
 
     def _console_values(self) -> dict[str, Array]:
-        """Return the mode, the pedals, the motion scale and the grips (rad) of every `_STRIDE`-th sample."""
+        """Return the mode, the pedals, the motion scale and the grips (rad) of every `_SAMPLES_PER_ROW`-th sample."""
         recording = self.recording
-        values = {"mode": recording[CONSOLE_MODE.name][::_STRIDE, 0]}
+        values = {"mode": recording[CONSOLE_MODE.name][::_SAMPLES_PER_ROW, 0]}
         for pedal in _PEDAL_SIGNALS:
-            values[pedal] = recording[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
+            values[pedal] = recording[f"{PEDALS}.{pedal}"][::_SAMPLES_PER_ROW, 0]
         for hand in self._hand_names:
-            values[f"{hand}_grip"] = recording[HAND_GRIP.of(hand)][::_STRIDE, 0]
+            values[f"{hand}_grip"] = recording[HAND_GRIP.of(hand)][::_SAMPLES_PER_ROW, 0]
         return values
 
 

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     """Function that loads the robots and opens the page; arguments: server, {name: value} of more of `open_page`."""
 
 
-_STEP = 0.05
+_PLANNING_STEP = 0.05
 """Time in s between two steps of a page that plans its motions before it is recorded."""
 
-_ADVICE = "every connected client can move and load robots, but cannot write to disk"
+_ROBOT_ADVICE = "every connected client can move and load robots, but cannot write to disk"
 _FACES_ADVICE = "every connected client sees the STEP file and can pick faces, but cannot write to disk"
 
 
@@ -147,7 +147,7 @@ def _show_page(
 
     before = signal.signal(signal.SIGINT, end)
     try:
-        advice = _ADVICE if content == "robot" else _FACES_ADVICE
+        advice = _ROBOT_ADVICE if content == "robot" else _FACES_ADVICE
         address = PageAddress(args.host, port, False, title, advice)
         rules = AccessRules(args.host, port, False, address.announce)
         command = shlex.join(("twin", "view", str(args.robot)))
@@ -313,7 +313,7 @@ def _write_html(front: Front, path: Path, quiet: bool) -> int:
             front.load(actor, actor.protocol)
         while front.planning:
             front.step()
-            time.sleep(_STEP)
+            time.sleep(_PLANNING_STEP)
         robots_without_motion = [actor.name for actor in front.robots if actor.playback is None]
         if robots_without_motion:
             names = ", ".join(robots_without_motion)

@@ -30,7 +30,7 @@ _SERVERS = ("serve", "view", "follow")
 _SURROGATE = re.compile("[\ud800-\udfff]")
 """A byte of a file name that is not UTF-8, as Python reads it."""
 
-_SHOWN = 200
+_SHOWN_CHARACTERS = 200
 """Number of characters of such a name that a message shows."""
 
 
@@ -86,7 +86,7 @@ def run(argv: Sequence[str]) -> int:
         if full := no_room(error):
             return failed("OutputError", full, args.json)
         if isinstance(error, UnicodeEncodeError) and _SURROGATE.search(str(error.object)):
-            text = f"{ascii(str(error.object))[:_SHOWN]} is not valid UTF-8: rename the file or folder"
+            text = f"{ascii(str(error.object))[:_SHOWN_CHARACTERS]} is not valid UTF-8: rename the file or folder"
             return failed("output", text, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return failed(type(error).__name__, text, args.json)
@@ -183,10 +183,10 @@ def failed(kind: str, message: str, as_json: bool) -> int:
     return 2
 
 
-_UNSAFE = ("<frozen importlib._bootstrap>", str(Path("casadi", "casadi.py")))
+_UNINTERRUPTIBLE_FILES = ("<frozen importlib._bootstrap>", str(Path("casadi", "casadi.py")))
 """Endings of file names; functions in these files must not be interrupted."""
 
-_AGAIN = 0.05
+_RETRY_INTERVAL = 0.05
 """Time in s between two checks whether such a function is still running."""
 
 
@@ -213,9 +213,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, or do so later if an unsafe function is on the stack; the handler of SIGINT."""
     calling_frame = frame
     while calling_frame is not None:
-        if calling_frame.f_code.co_filename.endswith(_UNSAFE):
+        if calling_frame.f_code.co_filename.endswith(_UNINTERRUPTIBLE_FILES):
             # the handler cannot wait, because it runs in the thread of the unsafe function: it is called again
-            later = threading.Timer(_AGAIN, _thread.interrupt_main)
+            later = threading.Timer(_RETRY_INTERVAL, _thread.interrupt_main)
             later.daemon = True
             later.start()
             return

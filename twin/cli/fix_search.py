@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from twin.validation.explain.explanation_data import Reading
     from twin.validation.result import Report
 
-SECONDS = 5.0
+SEARCH_SECONDS = 5.0
 """Time limit in s of the search for a fix; `twin explain` can search longer.
 
 See `Deadline`.
 """
 
-_SEARCH = 0.6
-"""Fraction of `SECONDS` for the search itself; the rest of the time is for poses and checks."""
+_SEARCH_SHARE = 0.6
+"""Fraction of `SEARCH_SECONDS` for the search itself; the rest of the time is for poses and checks."""
 
 
 class _LateError(BaseException):
@@ -32,7 +32,7 @@ class _LateError(BaseException):
 class FixSearch:
     """Search for fixes of a robot's equations, which remembers them: a fix depends on variants and trocars alone."""
 
-    def __init__(self, robot: Robot, seconds: float = SECONDS) -> None:
+    def __init__(self, robot: Robot, seconds: float = SEARCH_SECONDS) -> None:
         self.robot = robot
         self.seconds = seconds
         self._known: dict[tuple[object, ...], str] = {}
@@ -72,7 +72,7 @@ class FixSearch:
                 robot.reference(),
                 dict(report.variants),
                 parameters=kin.parameters,
-                options=ExplainOptions(Tolerance(*tolerance(report)), _SEARCH * self.seconds, Path.cwd()),
+                options=ExplainOptions(Tolerance(*tolerance(report)), _SEARCH_SHARE * self.seconds, Path.cwd()),
                 progress=bounded,
             )
         except (_LateError, TwinError):  # the report is valid without an explanation

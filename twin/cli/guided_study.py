@@ -32,7 +32,7 @@ UNFINISHED = ".part"
 SET_ASIDE = "unfinished-"
 """First part of the name of a session that was ended by Ctrl-C before its task: its part is repeated."""
 
-_READS = 0.2
+_INPUT_TIMEOUT = 0.2
 """Time in s in which the end of an input without lines, such as /dev/null, is seen."""
 
 ServePart = Callable[[str, Callable[[], "ServedContent"], "Examiner"], None]
@@ -66,7 +66,7 @@ class Examiner:
         Raises:
             TwinError: the input of this command has ended, so that no part could be continued.
         """
-        self._reader.join(_READS)
+        self._reader.join(_INPUT_TIMEOUT)
         if not self._reader.is_alive():
             raise TwinError("--guided is continued by Enter, and the input of this command has ended: use a terminal")
 

@@ -123,8 +123,8 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], ServedContent], T
     plans = args.replay is None
     file = scenes.find(args.robot)
     if file is None:
-        text = f"{_OPTION} requires a scene with a console, such as davinci; {args.robot} is a robot"
-        _refuse(args, [option for option in _CONSOLE if option != "machine"], text)
+        text = f"{_OPTION_NAME} requires a scene with a console, such as davinci; {args.robot} is a robot"
+        _refuse(args, [option for option in _CONSOLE_OPTIONS if option != "machine"], text)
         if args.protocols:
             raise TwinError(f"--protocols applies to a scene with a console; {args.robot} is a robot: omit --protocols")
         robot = api.load(args.robot)
@@ -146,10 +146,12 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], ServedContent], T
         return scene.name, _at_console(args, loaded, choice), choice
     scene.require_protocols()
     if args.protocols:
-        text = f"{_OPTION} and --protocols cannot be combined: robots that play protocols have no console"
-        _refuse(args, _CONSOLE, text)
-    text = f"{_OPTION} requires a console, which scene '{scene.name}' lacks: add a section [console] to {file.name}"
-    _refuse(args, _CONSOLE, text)
+        text = f"{_OPTION_NAME} and --protocols cannot be combined: robots that play protocols have no console"
+        _refuse(args, _CONSOLE_OPTIONS, text)
+    text = (
+        f"{_OPTION_NAME} requires a console, which scene '{scene.name}' lacks: add a section [console] to {file.name}"
+    )
+    _refuse(args, _CONSOLE_OPTIONS, text)
     return scene.name, lambda: served_content.of_scene(scenes.with_organs(loaded), plans), None
 
 
@@ -258,25 +260,27 @@ def _names(text: str | None) -> list[str]:
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
-_CONSOLE = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials", "machine")
+"""Options for programs that move the hands of a console."""
+
+_CONSOLE_OPTIONS = (*_CONNECTIONS, "session", "task", "haptics", "participant", "fulcrum", "trials", "machine")
 """Options for the console of a scene."""
 
 NO_TASK = "none"
 """Value of --task with which the hands only move the robots."""
 
-_PART = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
+_OPTIONS_OF_A_RUN = ("task", "session", "run", "haptics", "trials", "fulcrum", "record", "replay")
 """Options that a guided run determines, or that it cannot have."""
 
-_OPTION = "{option}"
+_OPTION_NAME = "{option}"
 """Placeholder for the option's name in the message of `_refuse`."""
 
 
 def _refuse(args: argparse.Namespace, options: Sequence[str], message: str) -> None:
-    """Raise `TwinError` if one of the options is given; the option's name replaces `_OPTION` in the message."""
+    """Raise `TwinError` if one of the options is given; the option's name replaces `_OPTION_NAME` in it."""
     for name in options:
         if getattr(args, name) is not None:
             option = "--" + name.replace("_", "-")
-            text = message.replace(_OPTION, option)
+            text = message.replace(_OPTION_NAME, option)
             if name == "session":
                 text += "; --record records what clients see"
             raise TwinError(text)
@@ -289,19 +293,27 @@ def _require_compatible(args: argparse.Namespace) -> None:
         _refuse(args, ("record",), text)
         _refuse(args, ("session",), "--session and --replay cannot be combined: a replay has no hands to record")
         unsteered = (*_CONNECTIONS, "haptics", "participant", "trials", "machine")
-        _refuse(args, unsteered, f"{_OPTION} and --replay cannot be combined: a recorded session cannot be controlled")
+        _refuse(
+            args,
+            unsteered,
+            f"{_OPTION_NAME} and --replay cannot be combined: a recorded session cannot be controlled",
+        )
     if args.mqtt is None:
         _refuse(args, ("mqtt_topic",), "--mqtt-topic requires --mqtt HOST")
     if args.trials is None:
         named = ("user", "before", "after") if args.guided is not None else ("user", "group", "before", "after")
-        _refuse(args, named, f"{_OPTION} requires --trials FILE")
+        _refuse(args, named, f"{_OPTION_NAME} requires --trials FILE")
     for option, value in (("user", args.user), ("group", args.group), ("before", args.before), ("after", args.after)):
         if value is not None and not value.strip():
             raise TwinError(f"--{option} is empty: give a name, or omit --{option}")
     if args.guided is not None:
         if args.protocols:
             raise TwinError("--protocols and --guided cannot be combined: a guided run is at the console")
-        _refuse(args, _PART, f"{_OPTION} and --guided cannot be combined: the guided run determines it")
+        _refuse(
+            args,
+            _OPTIONS_OF_A_RUN,
+            f"{_OPTION_NAME} and --guided cannot be combined: the guided run determines it",
+        )
         if args.machine:
             raise TwinError("--machine and --guided cannot be combined: the study of the console has no machines")
         if args.protocol is not None:

@@ -53,7 +53,7 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(unknown("command", wrong[1], HELP) if wrong else message, self.format_usage())
 
 
-SHOWN = "a built-in robot or scene, the path of a robot folder, a scene or a USD stage"
+SHOWN_OBJECTS = "a built-in robot or scene, the path of a robot folder, a scene or a USD stage"
 """Help text of the robot argument, for commands that show or export a robot or a scene."""
 
 VARIANT = (
@@ -173,7 +173,7 @@ class Command(_Parser):
 
     def page(self, port: int, what: str) -> None:
         """Add the arguments of a command that shows a page in a browser."""
-        self.robot(SHOWN)
+        self.robot(SHOWN_OBJECTS)
         self.protocol()
         self.address(port, what)
         text = "task at the console of a scene, such as pegboard (default: the only one of the scene; none: free hands)"
@@ -298,12 +298,14 @@ def parser() -> argparse.ArgumentParser:
     return root
 
 
-_MARGIN = 2
+_RIGHT_MARGIN = 2
 """Number of columns of a terminal that argparse, too, leaves free at the right."""
 
 _LEAST_COLUMNS = 40
+"""Smallest width of the list of commands in characters."""
+
 _MOST_COLUMNS = 110
-"""Limits of the width of the list of commands: longer lines are hard to read on a wide terminal."""
+"""Largest width of the list of commands: longer lines are hard to read on a wide terminal."""
 
 
 def _by_job() -> str:
@@ -312,7 +314,7 @@ def _by_job() -> str:
     import textwrap
 
     size = max(map(len, HELP))
-    columns = shutil.get_terminal_size().columns - _MARGIN
+    columns = shutil.get_terminal_size().columns - _RIGHT_MARGIN
     columns = max(_LEAST_COLUMNS, min(columns, _MOST_COLUMNS))
     lines: list[str] = []
     for job, names in GROUPS.items():

@@ -16,21 +16,21 @@ if TYPE_CHECKING:
     from twin.api.robot import Robot
     from twin.validation.result import Report
 
-_FILES = "twin.ui.report.report_folder"
-_PICTURE = "twin.ui.report.robot_picture"
-_SELFTEST = "twin.ui.report.selftest_score"
+_FOLDER_MODULE = "twin.ui.report.report_folder"
+_PICTURE_MODULE = "twin.ui.report.robot_picture"
+_SELFTEST_MODULE = "twin.ui.report.selftest_score"
 
 
 def write_report(report: Report, folder: Path, selftest: Path, robot: Robot) -> None:
     """Write a report of a robot into a folder; it includes the score in the file `selftest` if that is of the robot."""
-    scored = import_module(_SELFTEST).with_selftest(report, selftest)
+    scored = import_module(_SELFTEST_MODULE).with_selftest(report, selftest)
 
     def picture() -> object:
-        return import_module(_PICTURE).picture_of(robot, scored)
+        return import_module(_PICTURE_MODULE).picture_of(robot, scored)
 
-    import_module(_FILES).write_report(scored, folder, robot=picture)
+    import_module(_FOLDER_MODULE).write_report(scored, folder, robot=picture)
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     """Write a result into a folder as `report_folder.write_result` does; return the names of page and picture."""
-    return import_module(_FILES).write_result(result, folder, name)
+    return import_module(_FOLDER_MODULE).write_result(result, folder, name)

@@ -46,19 +46,19 @@ __all__ = [
     "tool_note",
 ]
 
-_SILENCE = 15.0
+_REPORT_INTERVAL = 15.0
 """Time in s after which a command whose stderr is not a terminal says how far it is, again and again."""
 
-_LEAST = 40
+_SMALLEST_WIDTH = 40
 """Smallest width in characters to which texts are fitted."""
 
-_NARROW = 8
+_SMALLEST_COLUMN = 8
 """Smallest width of a column that has been narrowed."""
 
-_GAP = 2
+_COLUMN_GAP = 2
 """Spaces between columns."""
 
-_BROKEN = 2
+_BROKEN_WORD_LINES = 2
 """Number of lines of a table that one broken word counts as, where the widths of columns are chosen."""
 
 _BOLD_GREEN = "1;32"
@@ -72,7 +72,7 @@ _COLORS = {
 }
 """Color of the word that begins a line: a verdict, or the mark of a finding."""
 
-_FIRST = re.compile(r"^(\s*)(\S+?)(:?)(?=\s|$)")
+_FIRST_WORD = re.compile(r"^(\s*)(\S+?)(:?)(?=\s|$)")
 """Indentation, first word and colon of a line."""
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
@@ -89,7 +89,7 @@ def tool_note(robot: Robot, quiet: bool) -> None:
 def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """Yield a function that shows the progress; it shows nothing if `quiet` is set.
 
-    If stderr is not a terminal, a command that takes long prints a line every `_SILENCE` seconds.
+    If stderr is not a terminal, a command that takes long prints a line every `_REPORT_INTERVAL` seconds.
     """
     if quiet:
         yield lambda label, fraction: None
@@ -114,14 +114,14 @@ def progress(quiet: bool) -> Iterator[Callable[[str, float], None]]:
 
 
 def _lines() -> Callable[[str, float], None]:
-    """Return a function that prints label, completed fraction and elapsed time to stderr every `_SILENCE` seconds."""
+    """Return a function that prints label, completed fraction and elapsed time to stderr every `_REPORT_INTERVAL`."""
     began = time.monotonic()
     spoke = began
 
     def update(label: str, fraction: float) -> None:
         nonlocal spoke
         time_now = time.monotonic()
-        if time_now - spoke < _SILENCE:
+        if time_now - spoke < _REPORT_INTERVAL:
             return
         spoke = time_now
         fraction_text = ""
@@ -247,7 +247,7 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
     lines_of_rows = table_lines(rows_of_text, indent, None if fit else columns)
     if header:
         dashes = ["-" * width for width in _column_widths(rows_of_text)]
-        rule = indent + (" " * _GAP).join(dashes)
+        rule = indent + (" " * _COLUMN_GAP).join(dashes)
         if columns is not None and len(rule) > columns:
             rule = indent + "-" * (columns - len(indent))
         lines_of_rows.insert(1, [rule])
@@ -276,7 +276,7 @@ def terminal_width() -> int | None:
     """Return the width of the terminal in characters; None if the output is not a terminal."""
     if not sys.stdout.isatty():
         return None
-    return max(_LEAST, shutil.get_terminal_size().columns)
+    return max(_SMALLEST_WIDTH, shutil.get_terminal_size().columns)
 
 
 def has_color() -> bool:
@@ -323,7 +323,7 @@ def _wrapped(line: str, columns: int) -> list[str]:
 
 def _colored(line: str) -> str:
     """Return a line with ANSI codes around its first word if that is a verdict or the mark of a finding."""
-    first = _FIRST.match(line)
+    first = _FIRST_WORD.match(line)
     if first is None or first[2] not in _COLORS:
         return line
     start = len(first[1])
@@ -349,7 +349,7 @@ def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None)
             for cell, size in zip(cells, widths, strict=True):
                 part = cell[k] if k < len(cell) else ""
                 parts.append(part.ljust(size))
-            lines.append((indent + (" " * _GAP).join(parts)).rstrip())
+            lines.append((indent + (" " * _COLUMN_GAP).join(parts)).rstrip())
         lines_of_rows.append(lines)
     return lines_of_rows
 
@@ -373,20 +373,20 @@ def _fitted(rows: Sequence[Sequence[str]], widths: Sequence[int], available: int
     for column_cells in zip(*rows, strict=True):
         columns.append([(len(cell), _longest_word(cell)) for cell in column_cells])
     heights = [1] * len(rows)
-    excess = sum(fitted) + _GAP * (len(fitted) - 1) - available
+    excess = sum(fitted) + _COLUMN_GAP * (len(fitted) - 1) - available
     for _ in range(excess):
         best = None
         for column, cells in enumerate(columns):
             size = fitted[column] - 1
-            if size < _NARROW:
+            if size < _SMALLEST_COLUMN:
                 continue
             cost = 0
             for (length, word), height in zip(cells, heights, strict=True):
                 lines = -(-length // size)  # rounded up
-                cost += max(0, lines - height) + _BROKEN * (word > size)
+                cost += max(0, lines - height) + _BROKEN_WORD_LINES * (word > size)
             _, heading = cells[0]
             if heading > size:
-                cost += _BROKEN * len(rows)
+                cost += _BROKEN_WORD_LINES * len(rows)
             if best is None or (cost, -size) < best[:2]:
                 best = (cost, -size, column)
         if best is None:  # every column is narrow: the terminal wraps the lines

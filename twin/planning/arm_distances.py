@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from twin.core.json_types import JsonObject
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -60,7 +60,7 @@ class Nearest:
     bodies: tuple[str, str]
     t: float
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data; the keys of quantities end with the unit."""
         return {
             "proven_mm": self.proven / MM,

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from twin.core.findings import Finding, by_severity
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, TextTable, as_json
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -59,7 +60,7 @@ class CommonPhase:
         proven = min(nearest.proven for nearest in every_kind)
         return replace(smallest, proven=proven)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data; the keys of quantities end with the unit."""
         clearances = {}
         for kind, nearest in self.nearest_pairs.items():
@@ -144,7 +145,7 @@ class PlannedTogether(Result):
                 nearest_of_kind[kind] = (nearest, phase.name)
         return {kind: nearest_of_kind[kind] for kind in KINDS if kind in nearest_of_kind}  # in the order of the kinds
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the plan as plain data, without its samples."""
         clearances = {}
         for kind, (nearest, phase_name) in self.nearest_pairs.items():
@@ -159,7 +160,7 @@ class PlannedTogether(Result):
             "phases": [phase.as_dict() for phase in self.phases],
         }
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
         times = {name: rounds.times() for name, rounds in self.rounds.items()}
         return {**super().as_dict(), "search_times": times}

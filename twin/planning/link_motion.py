@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from twin.planning.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from twin.kinematics.closed_loops import LoopSolver
+    from twin.reference import ReferenceModel
+    from twin.reference.states import SolvedSamples
 
 BY_EQUATIONS = "inverse of the equations at the planned poses"
 BY_PLAN = "joint values of the plan"
@@ -57,8 +59,8 @@ class LinkMotion:
             origin = BY_PLAN
         return f"driven joints: {origin}; other joints: {LOOPS}"
 
-    def on(self, model: Any, trajectory: Trajectory) -> Any:
-        """Return the `Run` of a `ReferenceModel` at the same times, to judge this motion.
+    def on(self, model: ReferenceModel, trajectory: Trajectory) -> SolvedSamples:
+        """Return the `SolvedSamples` of a `ReferenceModel` at the same times, to judge this motion.
 
         The reference model is solved for the planned poses or, if `by_plan`, for the joint values.
         """

@@ -13,13 +13,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomlkit
 
 from twin.cad.build import inputs
 from twin.core.errors import TwinError
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
@@ -102,7 +102,7 @@ def write_plan_scene(
         protocol = _protocol(name, robot, float(t[-1]), scene)
         (folder / files[name]).write_text(tomlkit.dumps(protocol), encoding="utf-8")
     table = tomllib.loads(scene.file.read_text(encoding="utf-8"))
-    head: dict[str, Any] = {
+    head: JsonObject = {
         "name": f"{scene.name}_plan",
         "title": f"Planned motions of {' and '.join(moving)} in scene {scene.name}",
         "source": f"twin plan in scene {scene.name}; {scene.source}",
@@ -154,7 +154,7 @@ def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: A
     np.savetxt(path, table, fmt="%.15g", delimiter=",", header=",".join(header), comments="")
 
 
-def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[str, Any]:
+def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> JsonObject:
     """Return the protocol of a robot as TOML."""
     source = robot.protocol
     is_angle = dict(robot.joints)
@@ -199,7 +199,7 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
             "note": note,
         }
         phases.append({"type": "samples", "name": "rest", "file": f"{name}.csv", "to_s": _number(end)})
-    table: dict[str, Any] = {
+    table: JsonObject = {
         "name": name,
         "title": title,
         "source": f"twin plan in scene {scene.name}; {source.source}",
@@ -221,7 +221,7 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
     return {**table, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
 
 
-def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> dict[str, Any]:
+def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> JsonObject:
     """Return the entry `joints` of a waypoint with values in m or rad."""
     table = tomlkit.inline_table()
     for joint, value in values.items():
@@ -230,7 +230,7 @@ def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> dict[s
     return {"joints": table}
 
 
-def _tolerances(tolerances: TrajectoryTolerances) -> dict[str, Any]:
+def _tolerances(tolerances: TrajectoryTolerances) -> JsonObject:
     """Return the table of tolerances."""
     return {
         "rcm_mm": _number(tolerances.rcm / MM),
@@ -243,7 +243,7 @@ def _tolerances(tolerances: TrajectoryTolerances) -> dict[str, Any]:
     }
 
 
-def _limits(limits: Limits) -> dict[str, Any]:
+def _limits(limits: Limits) -> JsonObject:
     """Return the table of limits; a limit that is infinite is left out."""
     values = {
         "tip_speed_mm_s": limits.tip_speed / MM,

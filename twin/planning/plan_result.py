@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.findings import Finding, by_severity
 from twin.core.format import quantity
+from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, TextTable, as_json
 from twin.core.units import MM, display_unit
 from twin.planning.rounds import SearchRounds
@@ -48,11 +49,11 @@ class Planned(Result):
                 rounds_of[span.name] = span.rounds
         return rounds_of
 
-    def content(self) -> Mapping[str, Any]:
+    def content(self) -> JsonMapping:
         """Return the trajectory as plain data, without its samples."""
         return self.trajectory.as_dict(arrays=False)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
         search_times = {name: rounds.times() for name, rounds in self.rounds.items()}
         return {**super().as_dict(), "search_times": search_times}

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+
+from twin.core.json_types import JsonObject
 
 UNITS: Mapping[str, str] = MappingProxyType(
     {"length": "m", "stops": "m2/s3", "length_and_stops": "", "clearance": "m", "published": ""}
@@ -53,7 +54,7 @@ class SearchRounds:
         """Unit of the costs; "" for a sum of different units."""
         return UNITS[self.cost]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain data without times, so that every run returns the same data; a cost None means "no path"."""
         samples = []
         tree = []

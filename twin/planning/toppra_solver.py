@@ -9,10 +9,9 @@ from __future__ import annotations
 import contextlib
 import logging
 import sys
-import types
 import warnings
 from collections.abc import Iterator
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -70,15 +69,15 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     return np.asarray(rates)
 
 
-def package() -> tuple[Any, Any]:
-    """Import TOPP-RA only when it is used, because the import takes seconds.
+def package() -> tuple[ModuleType, ModuleType]:
+    """Return the modules `algorithm` and `constraint` of TOPP-RA, imported only here: the import takes seconds.
 
     TOPP-RA also imports pyplot for figures that are not used; replacing it by an empty module saves two seconds. So it
     needs no matplotlib.
     """
     absent = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
     for name in absent:
-        sys.modules[name] = types.ModuleType(name)
+        sys.modules[name] = ModuleType(name)
     try:
         with _quiet():
             from toppra import algorithm, constraint

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import ProtocolError, unknown
 from twin.core.findings import Finding
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.planning.path import Path
 from twin.planning.protocol import RcmMode, Solver
 from twin.planning.protocol.course import Motion
 from twin.planning.rounds import SearchRounds
+
+if TYPE_CHECKING:
+    from twin.reference import ReferenceModel
+    from twin.reference.states import SolvedSamples
 
 
 @dataclass(frozen=True)
@@ -78,7 +83,7 @@ class PhaseSpan:
     curve: PhaseCurve | None = field(default=None, repr=False, compare=False)
     rounds: SearchRounds | None = None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the phase as plain data, without its curve."""
         content = {}
         for name, value in vars(self).items():
@@ -218,8 +223,8 @@ class Trajectory:
         position = (1 - fraction) * before[:, :3, 3] + fraction * after[:, :3, 3]
         return spatial.pose(R @ spatial.exp_so3(fraction * turn), position)
 
-    def on(self, model: Any, times: Array) -> Any:
-        """Return the `Run` of a `ReferenceModel` at times (k,) in s, solved for the poses or, if `followed`, for q.
+    def on(self, model: ReferenceModel, times: Array) -> SolvedSamples:
+        """Return the states of a reference model at times (k,) in s, solved for the poses or, if `followed`, for q.
 
         A robot with fewer than six degrees of freedom may be unable to assume an interpolated pose; it can assume
         interpolated joint values.
@@ -243,9 +248,9 @@ class Trajectory:
         i = np.minimum(steps.astype(int), last - 1)  # the end belongs to the last step
         return i, (steps - i)[:, None]
 
-    def as_dict(self, arrays: bool = True) -> dict[str, Any]:
+    def as_dict(self, arrays: bool = True) -> JsonObject:
         """Return the content for JSON: SI units, None instead of NaN, and with `arrays` the values of all samples."""
-        content: dict[str, Any] = {
+        content: JsonObject = {
             "protocol": self.protocol,
             "robot": self.robot,
             "joint_names": list(self.joint_names),
@@ -265,7 +270,7 @@ class Trajectory:
         return content
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return a value of a trajectory for JSON, with None instead of NaN."""
     if isinstance(value, SearchRounds):
         return value.as_dict()

@@ -27,6 +27,7 @@ from twin.cad.build import CadModel, read_mechanism
 from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.findings import error as error_finding
+from twin.core.progress import silent
 from twin.core.spatial import Array
 from twin.exchange.formats.usd.write import bake, baked_times, write_usd
 from twin.model.mechanism import Mechanism
@@ -43,14 +44,14 @@ from twin.validation.judge import judge
 from twin.validation.residual_rows import SampleClock, Tolerances
 from twin.validation.result import Report
 
-STEP = 0.04
+SAMPLE_TIME = 0.04
 """Time in s between samples of the motion: small enough for all checks, large enough for many runs."""
 
+# single parts of the validator, which run before all parts do
 _PROTOCOL: frozenset[Part] = frozenset(("protocol",))
 _EQUATIONS: frozenset[Part] = frozenset(("equations",))
 _STAGE: frozenset[Part] = frozenset(("stage",))
 _MOTION: frozenset[Part] = frozenset(("motion",))
-"""Single parts of the validator, which run before all parts do."""
 
 
 class Bench:
@@ -103,7 +104,7 @@ class Bench:
         return robot.files.protocol(self.protocol.name)
 
     def planned(self, protocol: Protocol, robot: Robot | None = None) -> Trajectory:
-        """Return the trajectory of a protocol for a robot (default: the correct one), with the sample time `STEP`."""
+        """Return the trajectory of a protocol for a robot (default: the correct one), sampled every `SAMPLE_TIME`."""
         if robot is None:
             paths = self.paths
             mechanism = self.robot.mechanism
@@ -111,7 +112,7 @@ class Bench:
             paths = robot.path_kinematics()
             mechanism = robot.mechanism
         T_tool_frame = mechanism.frame_in_tool(protocol.frame)
-        return plan(protocol, paths, T_tool_frame=T_tool_frame, dt=STEP)
+        return plan(protocol, paths, T_tool_frame=T_tool_frame, dt=SAMPLE_TIME)
 
     def write_stage(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
         """Write the stage of a mechanism with the motion of the correct robot; return the path of its root layer.
@@ -166,7 +167,7 @@ class Bench:
             trajectory=self.trajectory,
             clock=clock,
             tolerances=self.tolerances,
-            progress=lambda label, fraction: None,
+            progress=silent,
         )
 
     @cached_property

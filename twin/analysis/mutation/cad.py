@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import NamedFault, SeededFault, faults_in_turn, random_item
+from twin.analysis.mutation.fault import SeededFault, faults_in_turn, random_item
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -25,9 +25,13 @@ KINDS = (
 """Kinds of faults in the order of seeding; small errors of joint frames are the most frequent."""
 
 
+MechanismFault = tuple[str, Callable[[], Mechanism]]
+"""(what the fault changes, as text; function that returns the mechanism with the fault)."""
+
+
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield `count` faults of a mechanism, with the kinds in the order of `KINDS`, repeated as often as necessary."""
-    for kind, (what, make) in faults_in_turn(KINDS, _MAKERS, subject=mechanism, rng=rng, count=count):
+    for kind, (what, make) in faults_in_turn(KINDS, _FAULT_OF_KIND, subject=mechanism, rng=rng, count=count):
         yield SeededFault("cad", kind, what, mechanism=make)
 
 
@@ -49,7 +53,7 @@ def drawn_anew(mechanism: Mechanism) -> Mechanism:
     return mechanism.with_rest(ReferenceModel(mechanism).home().link_poses)
 
 
-def _frame_fault(mechanism: Mechanism, rng: np.random.Generator, T_change: Array, text: str) -> NamedFault:
+def _frame_fault(mechanism: Mechanism, rng: np.random.Generator, T_change: Array, text: str) -> MechanismFault:
     """Multiply the frame of a joint on one of its bodies by a pose (4, 4); `text` says what this does."""
     joint = random_item(mechanism.joints, rng)
     sides = (("T_parent_joint", joint.parent), ("T_child_joint", joint.child))
@@ -63,7 +67,7 @@ def _frame_fault(mechanism: Mechanism, rng: np.random.Generator, T_change: Array
     return what, make
 
 
-def _moved_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _moved_frame(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Move a joint frame by 0.1 to 1 mm."""
     size = rng.uniform(0.1, 1.0) * MM
     direction = rng.normal(size=3)
@@ -71,7 +75,7 @@ def _moved_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     return _frame_fault(mechanism, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
 
 
-def _turned_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _turned_frame(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Rotate a joint frame by 0.1 to 1 degree."""
     size = rng.uniform(0.1, 1.0) * DEG
     axis = rng.normal(size=3)
@@ -79,7 +83,7 @@ def _turned_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     return _frame_fault(mechanism, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
 
 
-def _wrong_axis(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _wrong_axis(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Let a joint move about, or along, another axis of its frame."""
     # a ball turns about all axes of its frame: another axis would change nothing
     single_axis_joints = []
@@ -99,7 +103,7 @@ def _wrong_axis(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     return f"joint {joint.name} {motion} another axis of its frame", make
 
 
-def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Exchange the children of two joints of one type."""
     groups: dict[str, list[Joint]] = {}
     for joint in mechanism.joints:
@@ -121,7 +125,7 @@ def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> NamedFaul
     return f"bodies {first.child} and {second.child} exchanged in {first.name} and {second.name}", make
 
 
-def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Give limits in another unit, mirror or shift them; without limits, move a joint frame."""
     limited_joints = []
     for joint in mechanism.active:
@@ -153,7 +157,7 @@ def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
 
 def _mesh_fault(
     mechanism: Mechanism, rng: np.random.Generator, text: str, change: Callable[[Mesh], Mesh]
-) -> NamedFault:
+) -> MechanismFault:
     """Change the meshes of one body: of a body with a mated joint if there is one, because mating is checked."""
     mated_names = set()
     for joint in mechanism.joints:
@@ -181,7 +185,7 @@ def _mesh_fault(
     return f"the shapes of {changed_body.name} {text}", make
 
 
-def _wrong_scale(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _wrong_scale(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Scale the shapes of a body, as mistakes of units do."""
     factor = float(random_item((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
 
@@ -191,7 +195,7 @@ def _wrong_scale(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     return _mesh_fault(mechanism, rng, f"scaled by {factor:.4g}", scaled)
 
 
-def _inverted_mesh(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
+def _inverted_mesh(mechanism: Mechanism, rng: np.random.Generator) -> MechanismFault:
     """Turn the shapes of a body inside out."""
 
     def inverted(mesh: Mesh) -> Mesh:
@@ -200,7 +204,7 @@ def _inverted_mesh(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault
     return _mesh_fault(mechanism, rng, "turned inside out", inverted)
 
 
-_MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], NamedFault]] = {
+_FAULT_OF_KIND: dict[str, Callable[[Mechanism, np.random.Generator], MechanismFault]] = {
     "moved": _moved_frame,
     "turned": _turned_frame,
     "axis": _wrong_axis,

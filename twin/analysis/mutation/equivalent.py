@@ -22,18 +22,20 @@ from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
-_LIMITS = attrgetter("limits", "cone", "max_speed", "max_acceleration", "max_jerk")
+_limits_of = attrgetter("limits", "cone", "max_speed", "max_acceleration", "max_jerk")
 """Function that returns what of a joint has no effect on poses."""
 
-_POSES = 200
+_COMPARED_POSES = 200
 """Number of random poses at which two formulas are compared."""
 
-_Q_CHANGE = 0.02
+_LARGEST_Q_CHANGE = 0.02
 """Largest relative change of a joint value of the motion, for equations that start from joints."""
 
-_SHIFT = 30 * MM
-_TURN = 15 * DEG
-"""Largest shift and rotation, along and about each axis, of random poses from poses of the motion."""
+_LARGEST_SHIFT = 30 * MM
+"""Largest shift along each axis of random poses from poses of the motion."""
+
+_LARGEST_TURN = 15 * DEG
+"""Largest rotation about each axis of random poses from poses of the motion."""
 
 _LEVER = 0.1
 """Length in m by which a rotation counts as a distance, so that the gaps of all loops have one unit."""
@@ -41,21 +43,21 @@ _LEVER = 0.1
 _TURN_X = 3
 """Number of the rotation about x among the axes of a joint, which are shifts first."""
 
-_SAME = 1e-12
+_SAME_VALUE = 1e-12
 """Relative difference below which values of two formulas count as equal."""
 
-_PLACE = 1e-9
+_SAME_POSE = 1e-9
 """Difference of pose entries (m for positions) below which two body poses count as equal."""
 
 
 def same_equations(kin: Kinematics, kin_faulty: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
     """Return the reason why two formulas are equivalent; "" if they are not."""
-    rows = rng.integers(len(trajectory.t), size=_POSES)
-    shifts = rng.uniform(-1, 1, (_POSES, 3)) * _SHIFT
-    turns = spatial.exp_so3(rng.uniform(-1, 1, (_POSES, 3)) * _TURN)
+    rows = rng.integers(len(trajectory.t), size=_COMPARED_POSES)
+    shifts = rng.uniform(-1, 1, (_COMPARED_POSES, 3)) * _LARGEST_SHIFT
+    turns = spatial.exp_so3(rng.uniform(-1, 1, (_COMPARED_POSES, 3)) * _LARGEST_TURN)
     Ts = trajectory.Ts_base_tool[rows] @ spatial.pose(turns, shifts)
     q_planned = trajectory.q[rows]
-    q = q_planned * (1 + rng.uniform(-_Q_CHANGE, _Q_CHANGE, q_planned.shape))
+    q = q_planned * (1 + rng.uniform(-_LARGEST_Q_CHANGE, _LARGEST_Q_CHANGE, q_planned.shape))
     count = 0
     with np.errstate(all="ignore"):
         for values, values_faulty in zip(_values(kin, Ts, q), _values(kin_faulty, Ts, q), strict=True):
@@ -67,12 +69,12 @@ def same_equations(kin: Kinematics, kin_faulty: Kinematics, trajectory: Trajecto
             if finite.any():
                 difference = np.abs(values[finite] - values_faulty[finite]).max()
                 size = np.abs(values[finite]).max()
-                if difference > _SAME * (1 + size):
+                if difference > _SAME_VALUE * (1 + size):
                     return ""
             count += int(finite.sum())
     if not count:  # nothing was compared, which proves nothing
         return ""
-    return f"{count} numbers at {_POSES} poses are equal"
+    return f"{count} numbers at {_COMPARED_POSES} poses are equal"
 
 
 def _values(kin: Kinematics, Ts: Array, q: Array) -> Iterator[Array]:
@@ -204,16 +206,16 @@ def same_motion(mechanism: Mechanism, mechanism_faulty: Mechanism, trajectory: T
         poses_faulty = kinematics_faulty.bodies(q, x_faulty)
         for name in visible:
             difference = float(np.abs(poses[name] - poses_faulty[name]).max())
+            if not difference <= _SAME_POSE:  # also if it is NaN: a body without a pose is an effect
+                return ""
             worst = max(worst, difference)
-        if worst > _PLACE:
-            return ""
     return f"every body has the same pose at {places} times, within {worst:.1g} m"
 
 
 def _same_limits_and_meshes(mechanism: Mechanism, mechanism_faulty: Mechanism) -> bool:
     """Return whether limits of joints and meshes of bodies, which have no effect on poses, are the same."""
     for joint, joint_faulty in zip(mechanism.joints, mechanism_faulty.joints, strict=True):
-        if _LIMITS(joint) != _LIMITS(joint_faulty):
+        if _limits_of(joint) != _limits_of(joint_faulty):
             return False
     for body, body_faulty in zip(mechanism.bodies, mechanism_faulty.bodies, strict=True):
         for mesh, mesh_faulty in zip(body.meshes, body_faulty.meshes, strict=True):
@@ -235,8 +237,11 @@ def same_samples(trajectory: Trajectory, trajectory_faulty: Trajectory) -> str:
         values_faulty = getattr(trajectory_faulty, name)
         if values.shape != values_faulty.shape:
             return ""
+        # a value that only one of both has, such as a distance from an RCM, is an effect, although no number differs
+        if not np.array_equal(np.isnan(values), np.isnan(values_faulty)):
+            return ""
         worst = max(worst, float(np.nanmax(np.abs(values - values_faulty), initial=0.0)))
-    if worst > _SAME:
+    if worst > _SAME_VALUE:
         return ""
     return f"all numbers of all samples agree within {worst:.1g}"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -64,17 +64,19 @@ class SeededFault:
     trajectory: Callable[[], Trajectory] | None = None
 
 
-NamedFault = tuple[str, Any]
-"""(short description of a fault, function that seeds it); the function becomes an attribute of `SeededFault`.
+Subject = TypeVar("Subject")
+"""What a family of faults changes: a mechanism, a stage, a trajectory."""
 
-The type of the function is that of the attribute, which differs for each family.
-"""
+NamedFault = TypeVar("NamedFault")
+"""(short description of a fault, function that seeds it); the function becomes an attribute of `SeededFault`."""
+
+Item = TypeVar("Item")
 
 
 def faults_in_turn(
     kinds: Sequence[str],
-    makers: Mapping[str, Callable[[Any, np.random.Generator], NamedFault]],
-    subject: Any,
+    makers: Mapping[str, Callable[[Subject, np.random.Generator], NamedFault]],
+    subject: Subject,
     rng: np.random.Generator,
     count: int,
 ) -> Iterator[tuple[str, NamedFault]]:
@@ -84,9 +86,9 @@ def faults_in_turn(
         yield kind, makers[kind](subject, rng)
 
 
-def random_item(items: Any, rng: np.random.Generator) -> Any:
+def random_item(items: Sequence[Item], rng: np.random.Generator) -> Item:
     """Return one of the items at random."""
-    return items[rng.integers(len(items))]
+    return items[int(rng.integers(len(items)))]
 
 
 @dataclass(frozen=True)

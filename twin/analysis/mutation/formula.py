@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -37,7 +37,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 }
 """{kind of fault: kinds of edits that produce this fault}; every kind of fault is seeded equally often."""
 
-_TRIES = 40
+_MOST_DRAWS = 40
 """Maximum number of draws for each fault: some edits repeat others, or do not run."""
 
 
@@ -46,10 +46,10 @@ def functions(formula: Formula) -> list[FunctionType]:
 
     Functions of other files are omitted.
     """
-    queue: list[Any] = []
+    queue: list[FunctionType] = []
     for equation in formula.equations:
         if equation.stage != "helper":
-            queue.append(inspect.unwrap(equation.variants[equation.default]))
+            queue.append(cast("FunctionType", inspect.unwrap(equation.variants[equation.default])))
     functions_found: list[FunctionType] = []
     home = queue[0].__globals__
     while queue:
@@ -80,7 +80,7 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Seede
     texts: set[str] = set()
     for i in range(count):
         kind = kinds[i % len(kinds)]
-        for _ in range(_TRIES):
+        for _ in range(_MOST_DRAWS):
             edit = _random_edit(sources, parameter_names, scope, KINDS[kind], rng)
             if edit is None:
                 continue
@@ -98,7 +98,7 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Seede
 def _random_edit(
     sources: list[Source],
     parameter_names: set[str],
-    scope: dict[str, Any],
+    scope: dict[str, object],
     kinds: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Edit | None:

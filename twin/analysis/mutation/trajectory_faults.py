@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import NamedFault, SeededFault, faults_in_turn
+from twin.analysis.mutation.fault import SeededFault, faults_in_turn
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -17,11 +17,15 @@ from twin.planning.trajectory import PhaseSpan, Trajectory
 KINDS = ("faster", "slower", "late joint", "bump", "stated speed", "RCM", "in motion", "planned", "shaft", "clock")
 """Kinds of faults in the order of seeding."""
 
-_SCALED = ("tip_speed", "tip_acceleration", "rotation_speed", "rotation_acceleration")
+_SCALED_LIMITS = ("tip_speed", "tip_acceleration", "rotation_speed", "rotation_acceleration")
 """Limits of a protocol that are multiplied by a factor."""
 
 Planner = Callable[[Protocol], Trajectory]
 """Function that plans a protocol."""
+
+
+TrajectoryFault = tuple[str, Callable[[], Trajectory]]
+"""(what the fault changes, as text; function that returns the trajectory with the fault)."""
 
 
 def faults(
@@ -33,7 +37,7 @@ def faults(
     if not _rcm_phases(trajectory):
         kinds.remove("RCM")
         kinds.remove("shaft")
-    makers = {**_MAKERS, "planned": lambda _, rng: _planned_too_fast(protocol, planner, rng)}
+    makers = {**_FAULT_OF_KIND, "planned": lambda _, rng: _planned_too_fast(protocol, planner, rng)}
     for kind, (what, make) in faults_in_turn(kinds, makers, subject=trajectory, rng=rng, count=count):
         yield SeededFault("timing", kind, what, trajectory=make)
 
@@ -55,20 +59,20 @@ def _with_scaled_time(trajectory: Trajectory, factor: float) -> Trajectory:
     return replace(trajectory, t=factor * trajectory.t, phases=tuple(phases))
 
 
-def _faster_motion(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _faster_motion(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Shorten the motion, which then exceeds limits or contradicts its stated speeds."""
     factor = float(rng.uniform(0.6, 0.95))
     return f"motion shortened to {100 * factor:.0f} % of its time", lambda: _with_scaled_time(trajectory, factor)
 
 
-def _slower_motion(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _slower_motion(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Stretch the motion, which then contradicts its stated speeds."""
     factor = float(rng.uniform(1.1, 2.0))
     what = f"motion stretched to {100 * factor:.0f} % of its time, stated speeds unchanged"
     return what, lambda: _with_scaled_time(trajectory, factor)
 
 
-def _late_joint(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _late_joint(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Delay one joint by a few samples."""
     joint = int(rng.integers(trajectory.q.shape[1]))
     lag = int(rng.integers(1, 5))
@@ -93,7 +97,7 @@ def _inner_sample(trajectory: Trajectory, rng: np.random.Generator) -> int:
     return int(rng.integers(first, max(phase.stop - 2, first + 1)))
 
 
-def _displaced_sample(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _displaced_sample(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Displace one sample: of a joint, or of tool and moved frame."""
     sample = _inner_sample(trajectory, rng)
     size = rng.uniform(0.2, 1.0)
@@ -113,7 +117,7 @@ def _displaced_sample(trajectory: Trajectory, rng: np.random.Generator) -> Named
     return f"tool moved {size:.2f} mm at {time}", lambda: replace(trajectory, Ts_base_tool=tools, Ts_base_frame=frames)
 
 
-def _wrong_stated_speed(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _wrong_stated_speed(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Multiply the stated speeds of the joints or of the tip."""
     factor = float(rng.uniform(1.2, 2.0))
     if rng.integers(2):
@@ -123,7 +127,7 @@ def _wrong_stated_speed(trajectory: Trajectory, rng: np.random.Generator) -> Nam
     return f"stated tip speeds multiplied by {factor:.2f}", lambda: replace(trajectory, tip_velocity=tip_speeds)
 
 
-def _moved_rcm(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _moved_rcm(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Move the RCM across the shaft, by 0.3 to 2 mm."""
     size = rng.uniform(0.3, 2.0) * MM
     direction = rng.normal(size=3)
@@ -139,7 +143,7 @@ def _moved_rcm(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
     return f"RCM moved by {size / MM:.2f} mm", lambda: replace(trajectory, phases=tuple(phases))
 
 
-def _start_in_motion(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _start_in_motion(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Remove the beginning of the first phase, so that the motion does not begin at rest."""
     first = trajectory.phases[0]
     cut = int(rng.integers(first.stop // 4 + 1, first.stop // 2 + 2))
@@ -178,19 +182,19 @@ def _without_beginning(values_of_name: Mapping[str, Array], cut: int) -> dict[st
     return shortened
 
 
-def _planned_too_fast(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> NamedFault:
+def _planned_too_fast(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> TrajectoryFault:
     """Plan the protocol with limits that are too high."""
     factor = float(rng.uniform(1.15, 2.0))
     limits = {}
     for kind, limit in protocol.limits.items():
         scaled = {}
-        for name in _SCALED:
+        for name in _SCALED_LIMITS:
             scaled[name] = factor * getattr(limit, name)
         limits[kind] = replace(limit, **scaled)
     return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 
 
-def _turned_shaft(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _turned_shaft(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Rotate the moved frame about its origin, smoothly, in the time between first and last phase with an RCM."""
     size = rng.uniform(0.3, 1.0) * DEG
     rcm_phases = _rcm_phases(trajectory)
@@ -211,7 +215,7 @@ def _turned_shaft(trajectory: Trajectory, rng: np.random.Generator) -> NamedFaul
     return f"shaft turned about its tip by up to {size / DEG:.2f} deg", make
 
 
-def _late_sample(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault:
+def _late_sample(trajectory: Trajectory, rng: np.random.Generator) -> TrajectoryFault:
     """Shift the time of one sample."""
     sample = _inner_sample(trajectory, rng)
     share = float(rng.uniform(0.05, 0.5))
@@ -221,7 +225,7 @@ def _late_sample(trajectory: Trajectory, rng: np.random.Generator) -> NamedFault
     return what, lambda: replace(trajectory, t=times)
 
 
-_MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], NamedFault]] = {
+_FAULT_OF_KIND: dict[str, Callable[[Trajectory, np.random.Generator], TrajectoryFault]] = {
     "faster": _faster_motion,
     "slower": _slower_motion,
     "late joint": _late_joint,

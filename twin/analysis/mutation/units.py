@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomlkit
 
 from twin.analysis.mutation.fault import SeededFault, random_item
 from twin.api.robot import Robot
+from twin.core.json_types import JsonObject
 from twin.planning.protocol import Protocol, load_protocol
 
 KINDS = (
@@ -19,11 +19,13 @@ KINDS = (
 )
 """Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
-_LENGTHS = ("m", "mm", "um", "µm")
-_ANGLES = ("deg", "rad")
-"""Units of the parameters that can be given in a wrong unit."""
+_LENGTH_UNITS = ("m", "mm", "um", "µm")
+"""Units of lengths that can be given in a wrong unit."""
 
-_TRIES = 10
+_ANGLE_UNITS = ("deg", "rad")
+"""Units of angles that can be given in a wrong unit."""
+
+_MOST_TRIES = 10
 """Tries for each fault, at most: kinds that do not apply, and faults that were seeded before, are drawn as well."""
 
 
@@ -31,17 +33,17 @@ def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -
     """Yield unit faults of a robot's parameters and of a protocol file."""
     text = protocol.read_text(encoding="utf-8")
     seeded: set[str] = set()
-    for i in range(_TRIES * count):
+    for i in range(_MOST_TRIES * count):
         if len(seeded) == count:
             return
         kind = KINDS[i % len(KINDS)]
         if kind == "parameter":
-            fault = _parameter(robot, rng)
+            fault = _parameter_fault(robot, rng)
             if fault is None:
                 continue
         else:
             document = tomlkit.parse(text)
-            what = _MAKERS[kind](document, rng)
+            what = _FAULT_OF_KIND[kind](document, rng)
             if what is None:
                 continue
             fault = SeededFault("units", kind, what, protocol=_protocol_maker(protocol, tomlkit.dumps(document)))
@@ -61,18 +63,18 @@ def _protocol_maker(original: Path, text: str) -> Callable[[Path], Protocol]:
     return read
 
 
-def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
+def _parameter_fault(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
     """Return a fault of a length or an angle among the parameters; None if there is none."""
     candidates = []
     for parameter in robot.formula.parameters:
-        has_unit = parameter.unit in _LENGTHS or parameter.unit in _ANGLES
+        has_unit = parameter.unit in _LENGTH_UNITS or parameter.unit in _ANGLE_UNITS
         # Zero is the same in all units; a parameter that the robot replaces has no effect.
         if has_unit and parameter.value and parameter.name not in robot.parameters:
             candidates.append(parameter)
     if not candidates:
         return None
     parameter_in_wrong_unit = random_item(candidates, rng)
-    if parameter_in_wrong_unit.unit in _ANGLES:
+    if parameter_in_wrong_unit.unit in _ANGLE_UNITS:
         factor = float(rng.choice((180 / np.pi, np.pi / 180)))
         units = "degrees instead of radians" if factor > 1 else "radians instead of degrees"
     else:
@@ -85,12 +87,14 @@ def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
     return SeededFault("units", "parameter", f"{parameter_in_wrong_unit.name} with {units}", robot=make)
 
 
-def _scaled(value: Any, factor: float) -> float:
+def _scaled(value: float, factor: float) -> float:
     """Return a number of a protocol times a factor, with five significant digits, as in a hand-written file."""
     return float(f"{factor * float(value):.5g}")
 
 
-def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, factor: float, unit: str) -> str | None:
+def _waypoint_fault(
+    document: JsonObject, rng: np.random.Generator, key: str, least: float, factor: float, unit: str
+) -> str | None:
     """Multiply the values of `key` by `factor` in a random waypoint, of those with a magnitude above `least`."""
     waypoints = document["waypoints"]
     candidates = []
@@ -110,7 +114,7 @@ def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, f
     return f"{quantity} of waypoint '{waypoint_name}' in {unit}"
 
 
-def _depth(document: Any, rng: np.random.Generator) -> str | None:
+def _depth_fault(document: JsonObject, rng: np.random.Generator) -> str | None:
     """Give a depth of a waypoint or an insertion in metres."""
     tables = []
     for waypoint in document["waypoints"].values():
@@ -127,7 +131,7 @@ def _depth(document: Any, rng: np.random.Generator) -> str | None:
     return f"a depth of {depth:g} mm in metres"
 
 
-def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> str:
+def _limits_fault(document: JsonObject, rng: np.random.Generator, name: str, factor: float, unit: str) -> str:
     """Multiply the speed of tip or rotation in one of the limits, or speed and acceleration."""
     kind = random_item(list(document["limits"]), rng)
     limits = document["limits"][kind]
@@ -143,7 +147,7 @@ def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, u
     return f"{name} {quantity} of {kind} in {unit}"
 
 
-def _trocar(document: Any, rng: np.random.Generator) -> str | None:
+def _trocar_fault(document: JsonObject, rng: np.random.Generator) -> str | None:
     """Give the position of a trocar in metres."""
     named_trocars = document.get("trocars_mm", {})
     places = []
@@ -165,11 +169,11 @@ def _trocar(document: Any, rng: np.random.Generator) -> str | None:
 
 
 # Each function changes a parsed protocol, and returns what it changed; None: its kind does not apply.
-_MAKERS: dict[str, Callable[[Any, np.random.Generator], str | None]] = {
-    "position": lambda d, rng: _waypoint(d, rng, key="position_mm", least=1.0, factor=1e-3, unit="metres"),
-    "angles": lambda d, rng: _waypoint(d, rng, key="angles_deg", least=0.0, factor=np.pi / 180, unit="radians"),
-    "depth": _depth,
-    "speed": lambda d, rng: _limits(d, rng, name="tip", factor=1e-3, unit="m/s"),
-    "turning": lambda d, rng: _limits(d, rng, name="rotation", factor=np.pi / 180, unit="rad/s"),
-    "trocar": _trocar,
+_FAULT_OF_KIND: dict[str, Callable[[JsonObject, np.random.Generator], str | None]] = {
+    "position": lambda d, rng: _waypoint_fault(d, rng, key="position_mm", least=1.0, factor=1e-3, unit="metres"),
+    "angles": lambda d, rng: _waypoint_fault(d, rng, key="angles_deg", least=0.0, factor=np.pi / 180, unit="radians"),
+    "depth": _depth_fault,
+    "speed": lambda d, rng: _limits_fault(d, rng, name="tip", factor=1e-3, unit="m/s"),
+    "turning": lambda d, rng: _limits_fault(d, rng, name="rotation", factor=np.pi / 180, unit="rad/s"),
+    "trocar": _trocar_fault,
 }

@@ -21,7 +21,7 @@ KINDS = (
 _FEWEST_SAMPLES = 8
 """Attributes with at most so many time samples are not delayed: a delay of several samples would leave nothing."""
 
-_ZERO = 1e-9
+_ZERO_LIMIT = 1e-9
 """Limit in deg or m that counts as zero, which no factor changes."""
 
 Edit = Callable[[Usd.Stage], None]
@@ -34,7 +34,7 @@ NamedEdit = tuple[str, Edit]
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
-    for kind, (what, edit) in faults_in_turn(KINDS, _MAKERS, subject=stage, rng=rng, count=count):
+    for kind, (what, edit) in faults_in_turn(KINDS, _FAULT_OF_KIND, subject=stage, rng=rng, count=count):
         yield SeededFault("usd", kind, what, stage=_spoiler(root.name, edit))
 
 
@@ -258,7 +258,7 @@ def _limit_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
             if not limit or not limit.HasAuthoredValue():
                 continue
             value = limit.Get()
-            if abs(value) > _ZERO and np.isfinite(value):  # a factor changes neither 0 nor infinity
+            if abs(value) > _ZERO_LIMIT and np.isfinite(value):  # a factor changes neither 0 nor infinity
                 candidates.append((joint, name))
     if not candidates:
         return _joint_frame_fault(stage, rng)
@@ -379,7 +379,7 @@ def _axis_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     return f"{path} = {value}", lambda s: _set_value(s, path, value)
 
 
-_MAKERS: dict[str, Callable[[Usd.Stage, np.random.Generator], NamedEdit]] = {
+_FAULT_OF_KIND: dict[str, Callable[[Usd.Stage, np.random.Generator], NamedEdit]] = {
     "joint frame": _joint_frame_fault,
     "drive unit": _drive_unit_fault,
     "time samples": _time_samples_fault,

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli.parser import SHOWN, Command
+from twin.cli.parser import SHOWN_OBJECTS, Command
 from twin.core.errors import TwinError
 from twin.exchange.formats import export_formats
 
@@ -24,7 +24,7 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin export`."""
-    command.robot(SHOWN)
+    command.robot(SHOWN_OBJECTS)
     command.tool()
     command.out("./twin-out/<robot>/export/")
     format_names = ", ".join(format.name for format in export_formats())

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from twin.core.errors import DescriptionError, unknown
 from twin.core.foreign.once import Read
 from twin.core.foreign.text import read_text
+from twin.core.json_types import JsonMapping
 from twin.schema import Key, Keys, error_at
 
 WaypointKey = Literal["position_mm", "depth_mm", "joints"]
@@ -31,7 +32,7 @@ class ProtocolFile:
     """
 
     path: str | Path
-    waypoints: Mapping[str, Any]
+    waypoints: JsonMapping
     trocars: tuple[str, ...]
     home: str
     folder: Path
