@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 from twin.core import spatial
-from twin.exchange.formats.glb.write import glb_bytes, moving_paths, surface, write_glb
+from twin.exchange.formats.glb.document import surface
+from twin.exchange.formats.glb.write import glb_bytes, moving_paths, write_glb
 from twin.exchange.write.clip import Clip, InterpolationErrors
 from twin.exchange.write.home_poses import home_poses
 from twin.model.body import Body, Frame, Mesh
