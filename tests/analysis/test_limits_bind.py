@@ -218,7 +218,7 @@ def test_a_pose_alone_is_judged_in_its_own_assembly():
     q = robot.inverse(T)
     assert _closes_elsewhere(robot, T, q)
     assert _inside_by_reference(robot, T, q)
-    assert robot.passive_check.kept(q[None], T[None])[0]
+    assert robot.passive_check.keeps_limits_at_poses(q[None], T[None])[0]
     grid = PoseGrid(T[:3, 3], 1e-3, (1, 1, 1), T[:3, :3])
     assert reach.over_grid(robot, grid).reached.all()
     margins = robot.passive_check.margins(q[None], T[None])
@@ -241,7 +241,7 @@ def test_poses_one_by_one_are_judged_as_by_the_reference_model():
         assert len(rows) == 100
         for row in rows:
             expected = _inside_by_reference(robot, drawn[row], q[row])
-            kept = robot.passive_check.kept(q[row : row + 1], drawn[row : row + 1])[0]
+            kept = robot.passive_check.keeps_limits_at_poses(q[row : row + 1], drawn[row : row + 1])[0]
             assert kept == expected, drawn[row]
             if expected:
                 inside += 1
@@ -292,7 +292,7 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
         rows = np.flatnonzero(found.reached)
         Ts = spatial.pose(found.grid.R_base_tool, found.grid.position(rows))
         q = kin.inverse_many(Ts)
-    states, placed = robot.passive_check.placed(q, Ts)
+    states, placed = robot.passive_check.unknowns_at_poses(q, Ts)
     assert placed.all()
     links = robot.loops.link_poses(q, states)
     tool = mechanism.frame(mechanism.tool)
@@ -328,7 +328,7 @@ def test_every_sample_of_a_plan_keeps_all_limits_or_the_plan_says_so(name):
     mechanism = robot.bound(robot.protocol()).mechanism
     rows = np.arange(0, len(trajectory.t), 20)
     q, Ts = trajectory.q[rows], trajectory.Ts_base_tool[rows]
-    states, placed = robot.passive_check.placed(q, Ts)
+    states, placed = robot.passive_check.unknowns_at_poses(q, Ts)
     assert placed.all()
     links = robot.loops.link_poses(q, states)
     assert open_by(mechanism, links) < 1e-6

@@ -333,7 +333,7 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
     plan.write(folder)
     assert sorted(p.name for p in folder.iterdir()) == sorted(plan.files())
     scene = load_scene(folder / "scene.toml")
-    assert (scene.name, scene.clearance, scene.plays) == ("stand_plan", CLEARANCE, True)
+    assert (scene.name, scene.clearance, scene.has_protocols) == ("stand_plan", CLEARANCE, True)
     for place in scene.places:
         np.testing.assert_allclose(place.T_world_base, PLACES[place.name], atol=1e-12)
         assert place.protocol_name == place.name

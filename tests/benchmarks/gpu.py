@@ -134,7 +134,7 @@ def median_seconds(run: Callable[[], object]) -> float:
 
 def on_the_card(card: gpu.Gpu, robot: twin.Robot, count: int) -> float:
     """Return the time in s for closing the loops at `count` states from rest, with all numbers on the card."""
-    kernel = robot.loops._cold.for_gpu
+    kernel = robot.loops._kernel_from_rest.for_gpu
     assert kernel is not None
     q = np.ascontiguousarray(states(robot, count).T)
     stream = card.stream()
@@ -165,10 +165,10 @@ def speeds(card: gpu.Gpu, name: str, count: int) -> dict[str, Any]:
 
     def through_the_computer() -> None:
         with computing_on("gpu"):
-            robot.loops._cold(q)
+            robot.loops._kernel_from_rest(q)
 
     copied = median_seconds(through_the_computer)
-    processor = median_seconds(lambda: robot.loops._cold(fewer)) * (count / fewer.shape[1])
+    processor = median_seconds(lambda: robot.loops._kernel_from_rest(fewer)) * (count / fewer.shape[1])
     rate = count / seconds
     return {
         "states": count,

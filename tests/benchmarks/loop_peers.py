@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.kinematics.closed_loops import LoopSolver
-from twin.kinematics.closed_loops.equations import STATES
+from twin.kinematics.closed_loops.equations import STATE_SIZES
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 
@@ -29,7 +29,7 @@ class Ours:
     def __init__(self, solver: LoopSolver) -> None:
         self.solver, self.at, start = solver, {}, 0
         for p in solver.equations.passive:
-            n = STATES[p.joint.type]
+            n = STATE_SIZES[p.joint.type]
             self.at[p.name] = slice(start, start + n)
             start += n
 

@@ -11,7 +11,7 @@ import pytest
 
 import twin
 from twin.cad.build import read_mechanism
-from twin.cad.lengths import measure
+from twin.cad.lengths import measured_lengths
 from twin.core.errors import CadError, DescriptionError, TwinError
 from twin.core.units import MM
 
@@ -35,7 +35,7 @@ def copied(tmp_path):
 @pytest.mark.parametrize("robot", twin.names())
 def test_every_declared_length_is_that_of_the_equations(robot):
     loaded = twin.load(robot)
-    found = measure(loaded.cad)
+    found = measured_lengths(loaded.cad)
     declared = len(loaded.cad.description.length)
     assert len(found) == declared
     for length in found:
@@ -51,7 +51,7 @@ def test_lengths_that_one_part_shows_are_declared():
 def test_each_pair_of_kinds_has_a_distance(copied):
     """Sphere to axis (a rod), axis to axis (a link), axis to a plane beside it."""
     path = copied('between = ["pin_a", "pin_b"]', 'between = ["pin_b", "pin_a"]')
-    by = {(x.body, x.parameter): x.value for x in measure(read_mechanism(path, with_mass=False))}
+    by = {(x.body, x.parameter): x.value for x in measured_lengths(read_mechanism(path, with_mass=False))}
     assert by["arm", "AB"] == pytest.approx(28 * MM, abs=1e-10)
     assert by["rod2b", "l"] == pytest.approx(68 * MM, abs=1e-10)
     assert np.isfinite(list(by.values())).all()
@@ -60,7 +60,7 @@ def test_each_pair_of_kinds_has_a_distance(copied):
 def test_axes_that_are_not_parallel_have_no_length(copied):
     path = copied('between = ["pin_a", "pin_b"]', 'between = ["pin_a", "shaft"]')
     with pytest.raises(CadError, match="length on 'arm': 'pin_a' and 'shaft' are not parallel"):
-        measure(read_mechanism(path, with_mass=False))
+        measured_lengths(read_mechanism(path, with_mass=False))
 
 
 @pytest.mark.parametrize(

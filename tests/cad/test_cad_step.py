@@ -333,17 +333,17 @@ def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
 
 def test_the_cache_forgets_its_oldest_entries(fresh):
     fresh.mkdir(parents=True)
-    for i in range(step._MOST_CACHED + 5):
+    for i in range(step._MAX_CACHED_FILES + 5):
         (fresh / f"{i:03}.glb").write_bytes(b"old")
     read_step(DATA / "inch.step")
-    assert len(list(fresh.glob("*.glb"))) == step._MOST_CACHED + 1
+    assert len(list(fresh.glob("*.glb"))) == step._MAX_CACHED_FILES + 1
 
 
 def test_what_is_in_use_stays_in_the_cache(fresh):
     read_step(DATA / "inch.step")
     (used,) = fresh.glob("*.glb")
     os.utime(used, (1, 1))
-    for i in range(step._MOST_CACHED + 5):
+    for i in range(step._MAX_CACHED_FILES + 5):
         other = fresh / f"{i:03}.glb"
         other.write_bytes(b"old")
         os.utime(other, (10 + i, 10 + i))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from twin.core import spatial
 from twin.formula import deg, if_else, mm, number
-from twin.formula.lift import scope
+from twin.formula.lift import lifted_globals
 from twin.formula.symbol import Symbol
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
@@ -100,7 +100,7 @@ def test_symbols_and_samples_give_what_numbers_give(row):
     rng = np.random.default_rng(3)
     xs, ys = rng.uniform(0.3, 2.0, (2, 7))
     expected = [float(eval(row, home(), {"x": float(x), "y": float(y)})) for x, y in zip(xs, ys, strict=True)]
-    lifted = scope(home())
+    lifted = lifted_globals(home())
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     f = ca.Function("f", [a, b], [eval(row, lifted, {"x": Symbol(a), "y": Symbol(b)}).x])
     np.testing.assert_allclose([float(f(x, y)) for x, y in zip(xs, ys, strict=True)], expected, rtol=1e-12)

@@ -190,7 +190,7 @@ def test_a_rod_between_two_balls_spins_and_still_closes():
     lifts = np.linspace(0.05, 0.45, 50)
     found = solver.forward_many(lifts[:, None])
     assert np.abs(found.Ts_base_tool[:, 0, 3] - np.sqrt(made.ROD**2 - lifts**2)).max() < 1e-11
-    assert not solver.blocks[0].square
+    assert not solver.blocks[0].is_square
 
 
 def test_a_belt_keeps_the_sum_of_its_joints(rng):
@@ -257,9 +257,9 @@ def test_a_start_on_another_branch_does_not_lead_to_it(rng):
     """From anywhere Newton's method finds either state of a four-bar; the determinant tells them apart."""
     solver = LoopSolver(mechanisms.four_bar())
     q = np.tile(solver.q + 0.2, (200, 1))
-    seeds = rng.uniform(-3, 3, (200, len(solver._start)))
+    seeds = rng.uniform(-3, 3, (200, len(solver._rest_unknowns)))
     right = solver.forward_many(q[:1]).Ts_base_tool[0]
-    poses, gaps, _ = solver._warm(np.ascontiguousarray(q.T), np.ascontiguousarray(seeds.T))
+    poses, gaps, _ = solver._kernel_from_seeds(np.ascontiguousarray(q.T), np.ascontiguousarray(seeds.T))
     closed = gaps[0] < 1e-12
     off = np.abs(poses.T.reshape(-1, 3, 4) - right[:3]).max(axis=(1, 2))
     assert (off[closed & (gaps[2] > 0)] < 1e-11).all()
@@ -277,7 +277,7 @@ def test_square_systems_are_solved_and_their_determinant_told(n, rng):
     pattern |= np.eye(n, dtype=bool)[rng.permutation(n)]
     J, b = ca.SX.sym("J", n, n), ca.SX.sym("b", n)
     A = np.where(pattern, rng.normal(size=(n, n)), 0.0)
-    x, determinant = linear.square(J, b, pattern, A)
+    x, determinant = linear.solve_square(J, b, pattern, A)
     f = ca.Function("f", [J, b], [x, determinant])
     B = A * rng.uniform(0.8, 1.2, (n, n))
     rhs = rng.normal(size=n)
@@ -290,7 +290,7 @@ def test_square_systems_are_solved_and_their_determinant_told(n, rng):
 def test_least_squares_of_any_shape(m, n, rng):
     A, rhs = rng.normal(size=(m, n)), rng.normal(size=m)
     J, b = ca.SX.sym("J", m, n), ca.SX.sym("b", m)
-    x = ca.Function("f", [J, b], [linear.least_squares(J, b, np.ones((m, n), bool))])(A, rhs).full().ravel()
+    x = ca.Function("f", [J, b], [linear.solve_least_squares(J, b, np.ones((m, n), bool))])(A, rhs).full().ravel()
     best = np.linalg.lstsq(A, rhs, rcond=None)[0]
     assert np.linalg.norm(A @ x - rhs) == pytest.approx(np.linalg.norm(A @ best - rhs), abs=1e-4)
 

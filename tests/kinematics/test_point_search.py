@@ -130,7 +130,7 @@ def test_one_start_fails_often_and_is_counted_by_how_it_fails(kin, solver, probl
     assert 190 <= found.solved.sum() <= 240
     assert 30 <= mirrored.sum() <= 75
     assert 15 <= len(stuck) <= 55
-    outside = solver.descend(solver.outside(begin, tips, trocars), tips, trocars)
+    outside = solver.descend(solver.starts_outside(begin, tips, trocars), tips, trocars)
     assert outside.solved.sum() >= 285
     assert not (outside.converged & ~outside.solved).any()
     starts = zip(tips, trocars, postures, strict=True)

@@ -15,7 +15,7 @@ import twin
 from made.drawing import draw
 from made.lanes import nightly, one_of_a_kind
 from twin.cad.build import read_mechanism
-from twin.cad.lengths import measure
+from twin.cad.lengths import measured_lengths
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
@@ -126,7 +126,7 @@ def drawn(robot, folder, errors):
 def wrong_lengths(robot, cad):
     """(body, name of the length) of each length that differs from the equations, with the difference in mm."""
     nominal = robot.kinematics().parameters
-    off = {(x.body, x.between): (x.value - nominal[x.parameter]) / MM for x in measure(cad)}
+    off = {(x.body, x.between): (x.value - nominal[x.parameter]) / MM for x in measured_lengths(cad)}
     return {k: v for k, v in off.items() if abs(v) > 1e-6}
 
 
@@ -302,7 +302,7 @@ def test_an_open_jaw_leaves_the_measures_of_the_arm_judged(psm):
     rows = Margins(psm.kinematics(), turns, tuple(run.points))
     assert np.abs(run.q[:, 6]).min() > 1 * DEG
     assert rows.valid(run, passive=True).all()
-    assert rows.homogeneous(run, 1.25)
+    assert rows.is_homogeneous(run, 1.25)
 
 
 def test_a_passive_joint_that_follows_a_leaping_jaw_is_no_jump(psm):

@@ -178,11 +178,16 @@ def slopes(tissue):
     By finite differences of SciPy's interpolation; the plant differentiates its shares.
     """
     counts = [c + 1 for c in tissue.cells]
-    axes = [np.arange(n) * edge for n, edge in zip(counts, tissue.cell, strict=True)]
+    axes = [np.arange(n) * edge for n, edge in zip(counts, tissue.cell_size, strict=True)]
     weights = RegularGridInterpolator(axes, np.eye(len(tissue.nodes)).reshape(*counts, -1), bounds_error=False)
     weights.fill_value = None  # rounding puts vertices outside of the grid
     h = 1e-7
-    return np.stack([(weights(tissue.local + h * e) - weights(tissue.local - h * e)) / (2 * h) for e in np.eye(3)])
+    return np.stack(
+        [
+            (weights(tissue.vertices_in_grid + h * e) - weights(tissue.vertices_in_grid - h * e)) / (2 * h)
+            for e in np.eye(3)
+        ]
+    )
 
 
 def compression(organs, tissue, slopes):

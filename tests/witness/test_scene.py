@@ -15,7 +15,7 @@ from twin.api.scene_export import export_scene
 from twin.core import assets, spatial
 from twin.model.scene import load_scene
 
-LED = [s for s in assets.scenes() if not load_scene(assets.scene_file(s)).plays]
+LED = [s for s in assets.scenes() if not load_scene(assets.scene_file(s)).has_protocols]
 RATE, SECONDS = 1000, 1.0
 RCM_MUJOCO, RCM_PHYSX = 1e-6, 5e-6
 """m that the shaft may be off its port; PhysX is single precision, and starts 0.6 um off."""

@@ -279,7 +279,7 @@ class ErrorPropagation:
             stages.append(Stage(equations.split(), ("seed",), tuple(keys)))
         if keys and equations.residual.numel():
             pattern = np.array(ca.DM(equations.jacobian.sparsity(), 1).full(), bool)
-            step = linear.least_squares(equations.jacobian, -equations.residual, pattern)
+            step = linear.solve_least_squares(equations.jacobian, -equations.residual, pattern)
             new = stepped(equations.passive, step)
             newton = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
             stages.append(

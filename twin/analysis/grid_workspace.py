@@ -81,7 +81,7 @@ def passive_check(robot: Robot) -> PassiveCheck | None:
     else:
         q = _home(robot)[None]
         Ts = kin.forward_many(q)
-        closes = np.isfinite(Ts).all() and check.placed(q, Ts)[1].all()
+        closes = np.isfinite(Ts).all() and check.unknowns_at_poses(q, Ts)[1].all()
     if not closes:
         return None
     return check

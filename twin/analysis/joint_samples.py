@@ -247,7 +247,7 @@ def _sampler(robot: Robot, ranges: Array, passive: PassiveCheck | None) -> Calla
         for bound in bounds:
             closed &= q @ bound.weights >= bound.least
         if passive is not None:
-            closed &= passive.within(q, solution.states)
+            closed &= passive.keeps_limits(q, solution.states)
         margins = (2 * np.minimum(q - low, high - q) / span).min(axis=1)
         no_condition = 0 * solution.offset  # without equations, there is no condition number
         values: Array = np.stack([closed.astype(float), no_condition, margins, solution.margin], axis=1)

@@ -58,7 +58,7 @@ def agree(kin: Kinematics, passive: PassiveCheck, T: Array) -> bool:
     q = kin.inverse_many(T[None])
     if not np.isfinite(q).all():
         return False
-    _, closed = passive.placed(q, T[None])
+    _, closed = passive.unknowns_at_poses(q, T[None])
     return bool(closed.all())
 
 
@@ -153,7 +153,7 @@ class CheckedKernel:
         if len(reached):
             R = rotation[:, reached].T.reshape(-1, 3, 3)
             Ts = spatial.pose(R, position[:, reached].T)
-            is_kept = self.passive.kept(joints[:, reached].T, Ts)
+            is_kept = self.passive.keeps_limits_at_poses(joints[:, reached].T, Ts)
             # as at a sample that is not reached, see `_last`
             for value, unreached in zip(values, (0.0, 0.0, 0.0, np.nan), strict=True):
                 value[0, reached[~is_kept]] = unreached

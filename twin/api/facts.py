@@ -46,7 +46,7 @@ def scene_commands(scene: Scene) -> tuple[str, ...]:
     machines.
     """
     commands: list[str] = ["info", "view", "serve"]
-    if scene.plays:
+    if scene.has_protocols:
         commands = list(SCENE_COMMANDS)
         plays_files = any(place.protocol.endswith(".toml") for place in scene.places)
         if plays_files:

@@ -31,7 +31,7 @@ from twin.exchange.write.clip import ClipAccuracy
 from twin.exchange.write.home_poses import home_poses
 from twin.exchange.write.player_interpolation import poses_between_keys
 from twin.model.deformable import Bend
-from twin.model.movable import Movable, together
+from twin.model.movable import Movable, objects_as_mechanism
 from twin.model.scene import Place, Scene, load_scene
 
 _POSITION_TOLERANCE = 1 * UM
@@ -183,7 +183,7 @@ def export_scene(
         if scene.objects and "glb" in kinds:
             from twin.exchange.formats.glb.write import write_glb
 
-            write_glb(together(scene.objects), (), work / "objects.glb")
+            write_glb(objects_as_mechanism(scene.objects), (), work / "objects.glb")
         progress("organs", 0.0)
         bends = _bends(scene, bundles)
         if bends and "glb" in kinds:

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
-from twin.model.movable import together
+from twin.model.movable import objects_as_mechanism
 from twin.model.scene import Scene
 from twin.simulation import console_scene
 from twin.simulation.console_scene import PEDALS
@@ -135,7 +135,7 @@ class SessionFiles:
 
         moved_names = self._moved_objects
         objects = [movable for movable in self.scene.objects if movable.name in moved_names]
-        mechanism = together(objects)
+        mechanism = objects_as_mechanism(objects)
         poses: dict[str, Array] = {}
         for name in moved_names:
             poses[name] = self.recording[OBJECT_POSE.of(name)].reshape(-1, 4, 4)

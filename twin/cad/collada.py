@@ -31,10 +31,10 @@ _WITHOUT_SHAPE = {
 }
 """Elements without effect on the shape."""
 
-_MOST_NODES = 10_000
+_MAX_NODES = 10_000
 """Maximum number of nodes; pycollada searches them again for each level of nodes that refer to later ones."""
 
-_NOT_READ = ("convex_mesh", "spline", "instance_controller")
+_UNSUPPORTED_SHAPES = ("convex_mesh", "spline", "instance_controller")
 """Elements with a shape that pycollada does not read."""
 
 
@@ -55,7 +55,7 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
         raise ValueError(f"the root element is <{_tag(root)}>, expected <COLLADA>")
     _remove_elements(root)
     for element in root.iter():
-        if _tag(element) in _NOT_READ:
+        if _tag(element) in _UNSUPPORTED_SHAPES:
             raise ValueError(f"<{_tag(element)}> is not supported; save the mesh with triangles")
     _check_count(path, root)
     unit = _unit(root)
@@ -140,8 +140,8 @@ def _check_count(path: Path, root: Element) -> None:
         # them.
         weights[name] = max(letters // 2 + 1, weights.get(name, 0))
     scenes = [element for element in root.iter() if _tag(element) in ("node", "visual_scene")]
-    if len(scenes) > _MOST_NODES:
-        over(path, "DAE", "nodes", len(scenes), _MOST_NODES)
+    if len(scenes) > _MAX_NODES:
+        over(path, "DAE", "nodes", len(scenes), _MAX_NODES)
     nodes: dict[str | None, list[Element]] = {}  # of nodes with one id, the largest counts
     for element in scenes:
         nodes.setdefault(element.get("id"), []).append(element)

@@ -13,7 +13,7 @@ from twin.core.errors import CadError
 from twin.core.spatial import Array
 from twin.core.units import MM
 
-_SAME = 1e-9
+_SAME_GEOMETRY = 1e-9
 """Difference in m of points, and between components of directions, up to which two faces have the same geometry."""
 
 
@@ -73,6 +73,9 @@ def naming_feature(
 
 def _is_alike(first: Face, second: Face) -> bool:
     """Return whether two faces of one kind have the same point, radius and axis: either gives the same frame."""
-    if float(np.abs(first.point - second.point).max()) > _SAME or abs(first.radius - second.radius) > _SAME:
+    if (
+        float(np.abs(first.point - second.point).max()) > _SAME_GEOMETRY
+        or abs(first.radius - second.radius) > _SAME_GEOMETRY
+    ):
         return False
-    return float(np.abs(np.cross(first.direction, second.direction)).max()) <= _SAME
+    return float(np.abs(np.cross(first.direction, second.direction)).max()) <= _SAME_GEOMETRY

@@ -25,22 +25,22 @@ _RADIUS_TOLERANCE = 0.005 * MM
 _EQUALLY_NEAR = 0.001 * MM
 """Two faces are equally near to `near_mm` if their distances differ by less than this value in m."""
 
-_PARALLEL = 1e-6
+_PARALLEL_SINE = 1e-6
 """Maximum sine of the angle between the directions of two faces with one plane or axis."""
 
-_ALONG_WEIGHT = 1e-3
+_WEIGHT_ALONG = 1e-3
 """Weight of the distance along a plane or an axis, which has no ends of its own."""
 
 _NO_DIRECTION = 1e-12
 """Length of a direction (of a cross product in m2) up to which it is none: the points are on one line."""
 
-_CROSSING = 0.1
+_SMALLEST_CROSSING_SINE = 0.1
 """Minimum sine of the angle at which an axis meets a plane or passes another axis at a definite point."""
 
-_RADIAN = 10 * MM
+_LENGTH_OF_RADIAN = 10 * MM
 """Length in m that counts as much as a tilt of 1 rad in a message about the nearest face."""
 
-_MOST_RADII = 12
+_MAX_LISTED_RADII = 12
 """Largest number of radii of other faces that a message lists."""
 
 
@@ -117,7 +117,7 @@ def _candidates(label: str, spec: Feature, parts: Sequence[Part], near_point: Ar
         text += f" of radius {spec.radius_mm:g} mm"
     if other_radii:
         different = sorted(set(np.round(other_radii, 4)))
-        radii = ", ".join(map("{:g}".format, different[:_MOST_RADII]))
+        radii = ", ".join(map("{:g}".format, different[:_MAX_LISTED_RADII]))
         text += f"; radii found: {radii} mm"
     raise CadError(text)
 
@@ -133,19 +133,20 @@ def _nearest(label: str, spec: Feature, candidates: Sequence[_Candidate], tolera
         if candidate.distance <= tolerance.gross_mm * MM and candidate.tilt <= tolerance.gross_deg * DEG:
             near_enough.append(candidate)
     if not near_enough:
-        nearest = min(candidates, key=lambda candidate: candidate.distance + candidate.tilt * _RADIAN)
+        nearest = min(candidates, key=lambda candidate: candidate.distance + candidate.tilt * _LENGTH_OF_RADIAN)
         raise CadError(
-            f"{label}: the nearest {spec.kind} (on '{nearest.part}', at {_mm(nearest.face.point)} mm) is "
+            f"{label}: the nearest {spec.kind} (on '{nearest.part}', at {_mm_text(nearest.face.point)} mm) is "
             f"{nearest.distance / MM:.3f} mm and {nearest.tilt / DEG:.2f}° away; gross tolerance "
             f"{tolerance.gross_mm:g} mm, {tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
         )
     best, *others = sorted(near_enough, key=lambda candidate: candidate.distance)
     for other in others:
         if other.distance - best.distance < _EQUALLY_NEAR and not _are_same(best.face, other.face):
+            place = f"'{best.part}' at {_mm_text(best.face.point)} mm"
+            other_place = f"'{other.part}' at {_mm_text(other.face.point)} mm"
             raise CadError(
-                f"{label}: two {spec.kind} faces are equally near, on '{best.part}' at {_mm(best.face.point)} mm and "
-                f"on '{other.part}' at {_mm(other.face.point)} mm. Move near_mm towards the intended face, or name "
-                "its `part`."
+                f"{label}: two {spec.kind} faces are equally near, on {place} and on {other_place}. Move near_mm "
+                "towards the intended face, or name its `part`."
             )
     return best
 
@@ -164,7 +165,7 @@ def _are_same(first: Face, second: Face) -> bool:
     """Return whether two faces of one kind have the same plane, axis or centre."""
     if first.kind == "sphere":
         return float(np.linalg.norm(first.point - second.point)) < _EQUALLY_NEAR
-    if float(np.linalg.norm(np.cross(first.direction, second.direction))) > _PARALLEL:
+    if float(np.linalg.norm(np.cross(first.direction, second.direction))) > _PARALLEL_SINE:
         return False
     if first.kind == "plane":
         return abs(float((first.point - second.point) @ first.direction)) < _EQUALLY_NEAR
@@ -175,7 +176,7 @@ def _distance(face: Face, near_point: Array) -> float:
     """Return the distance in m from `near_point` to a sphere's centre, a cylinder's axis, or a plane.
 
     For planes and cylinders, the distance from `near_point` to the middle of the face, measured along the plane or
-    axis, is added with the weight `_ALONG_WEIGHT`. As a result, the nearer of two bores on one axis is chosen.
+    axis, is added with the weight `_WEIGHT_ALONG`. As a result, the nearer of two bores on one axis is chosen.
     """
     x, y, z = (near_point - face.point).tolist()
     if face.kind == "sphere":
@@ -184,8 +185,8 @@ def _distance(face: Face, near_point: Array) -> float:
     along = x * a + y * b + z * c
     across = math.hypot(x - along * a, y - along * b, z - along * c)
     if face.kind == "plane":
-        return abs(along) + _ALONG_WEIGHT * across
-    return across + _ALONG_WEIGHT * abs(along)
+        return abs(along) + _WEIGHT_ALONG * across
+    return across + _WEIGHT_ALONG * abs(along)
 
 
 def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: str | None = None) -> Array:
@@ -204,7 +205,7 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
     axis = face.direction
     if other_face.kind == "plane":
         slope = axis @ other_face.direction
-        if abs(slope) < _CROSSING:
+        if abs(slope) < _SMALLEST_CROSSING_SINE:
             raise CadError(
                 f"the axis of '{names}' does not meet the plane '{at}', because they are parallel; name another `at`"
             )
@@ -213,7 +214,7 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
         return face.point + axis * (axis @ (other_face.point - face.point))
     other_axis = other_face.direction
     across = other_axis - axis * (axis @ other_axis)
-    if np.linalg.norm(across) < _CROSSING:
+    if np.linalg.norm(across) < _SMALLEST_CROSSING_SINE:
         raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point is nearest; name another `at`")
     # Nearest point to a second line: move along the axis until the connecting vector is perpendicular to both lines.
     to_other = other_face.point - face.point
@@ -289,6 +290,6 @@ def _feature(name: str, features: Mapping[str, MeasuredFeature]) -> MeasuredFeat
     return features[name]
 
 
-def _mm(p: Array) -> str:
+def _mm_text(p: Array) -> str:
     x, y, z = p / MM
     return f"({x:.2f}, {y:.2f}, {z:.2f})"

@@ -17,7 +17,7 @@ from twin.cad.build import CadModel
 from twin.cad.description import Description, FrameSpec, JointSpec
 from twin.cad.features import MeasuredFeature
 from twin.cad.frames import DrawnFrames, Faces, GivenFrames, drawn
-from twin.cad.lengths import measure, pair
+from twin.cad.lengths import angle_and_distance, measured_lengths
 from twin.cad.step import Face
 from twin.core import spatial
 from twin.core.errors import CadError
@@ -27,19 +27,19 @@ from twin.core.units import DEG, MM, UM, decimals
 _LEVER = 0.1
 """Length in m by which angles are multiplied to compare them with offsets."""
 
-_STEPS = 5
+_NEWTON_STEPS = 5
 """Number of Newton steps that correct the position of a feature; the first step is nearly exact."""
 
-_ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
+_FEATURE_ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
 """Entries of a frame that name features."""
 
-_COAXIAL = 1e-7
+_COAXIAL_LIMIT = 1e-7
 """Maximum distance in m, and maximum sine of the angle, between the axes of two cylinders that count as coaxial."""
 
-_DIFFERENCE = 1e-6
+_DIFFERENCE_STEP = 1e-6
 """Step in m of the central differences, for translations and for rotations times the lever."""
 
-_RANK = 1e-5
+_RANK_RATIO = 1e-5
 """Singular values below this fraction of the largest one count as 0: such a motion moves no joint of the part."""
 
 
@@ -101,7 +101,7 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fr
         joints = _most_explained(suspects, unexplained) or (unexplained[0],)
         suspects_of_joints = [suspect for suspect in suspects if suspect.joints == joints]
         with_evidence = []
-        for suspect in _plainest(suspects_of_joints, defining_frames):
+        for suspect in _distinguishable(suspects_of_joints, defining_frames):
             with_evidence.append(_with_evidence(cad, suspect, nominal or {}))
         with_evidence.sort(key=lambda suspect: -suspect.score)
         faults.append(FrameMismatch(joints, tuple(with_evidence)))
@@ -124,7 +124,7 @@ def _open_joints(description: Description, drawn_frames: DrawnFrames) -> list[st
     return list(dict.fromkeys(finding.where for finding in findings))  # a joint may be offset and tilted
 
 
-def _plainest(suspects: list[Suspect], defining_frames: set[tuple[str, str]]) -> list[Suspect]:
+def _distinguishable(suspects: list[Suspect], defining_frames: set[tuple[str, str]]) -> list[Suspect]:
     """Return, for each part, the suspects with the fewest features, and suspects that can be distinguished from these.
 
     A suspect with more features can be distinguished, by comparison with the equations, if one of the additional
@@ -161,7 +161,7 @@ def _features_of_frames_and_points(description: Description) -> set[tuple[str, s
     """Return the features that define named frames and points, each as (body, name)."""
     features_of_frames = set()
     for frame in description.frame.values():
-        for name in frame.at.features(*_ENTRIES):
+        for name in frame.at.features(*_FEATURE_ENTRIES):
             features_of_frames.add((frame.body, name))
     for point in description.point.values():
         for name in (point.origin, point.at):
@@ -197,7 +197,7 @@ def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tu
 
 def _feature_groups(features_of_part: Mapping[str, MeasuredFeature], spec: FrameSpec) -> list[tuple[str, ...]]:
     """Return the groups of a part's features that may be wrong together at one of its frames; (): the whole part."""
-    names = spec.features(*_ENTRIES)
+    names = spec.features(*_FEATURE_ENTRIES)
     groups: list[tuple[str, ...]] = []
     for name in names:
         groups.append((name,))
@@ -223,48 +223,51 @@ def _coaxial_features(features_of_part: Mapping[str, MeasuredFeature], name: str
 def _are_coaxial(first: Face, second: Face) -> bool:
     """Return whether two cylinders have one axis; False if a direction is not a number."""
     sine = np.linalg.norm(np.cross(first.direction, second.direction))
-    if not sine < _COAXIAL:
+    if not sine < _COAXIAL_LIMIT:
         return False
-    return bool(spatial.point_to_line(first.point, second.point, second.direction) < _COAXIAL)
+    return bool(spatial.point_to_line(first.point, second.point, second.direction) < _COAXIAL_LIMIT)
 
 
 def _least_misfit(misfit: Callable[[Array], Array]) -> Array:
     """Return the twist (6,) at which `misfit` is least, by Gauss-Newton steps with central differences."""
     twist = np.zeros(6)
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         columns = []
-        for step in _DIFFERENCE * np.eye(6):
-            columns.append((misfit(twist + step) - misfit(twist - step)) / (2 * _DIFFERENCE))
+        for step in _DIFFERENCE_STEP * np.eye(6):
+            columns.append((misfit(twist + step) - misfit(twist - step)) / (2 * _DIFFERENCE_STEP))
         J = np.stack(columns, axis=1)
-        twist = twist - np.linalg.pinv(J, rcond=_RANK) @ misfit(twist)
+        twist = twist - np.linalg.pinv(J, rcond=_RANK_RATIO) @ misfit(twist)
     return twist
 
 
-def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_joints: list[str]) -> Suspect | None:
+def _suspect(
+    cad: CadModel, body: str, names: tuple[str, ...], given_joint: str, open_joints: list[str]
+) -> Suspect | None:
     """Return a part as a suspect, with features moved so that the frames of its joints coincide; None if impossible.
 
     Args:
         cad: the CAD model.
         body: the part.
         names: the features that may move; empty: all features of the part.
-        typed: a joint whose frame on the part is given by numbers: this frame is moved instead of features; else "".
+        given_joint: a joint whose frame on the part is given by numbers: this frame is moved instead of features;
+            else "".
         open_joints: joints whose two frames do not coincide.
     """
     description = cad.description
     drawn_frames = drawn(description, cad.measured).on
     features_of_part = cad.measured.get(body, {})
     moving = names or tuple(features_of_part)
-    if typed:
+    if given_joint:
         moving = ()
-    users = _users(description, body, names, typed)
+    users = _users(description, body, names, given_joint)
     user_names = {joint.name for joint in users}
-    if not (moving or typed) or user_names.isdisjoint(open_joints):
+    if not (moving or given_joint) or user_names.isdisjoint(open_joints):
         return None
-    T_typed = np.eye(4)  # the frame given by numbers, in drawn coordinates
-    if typed:
-        on_parent, on_child = drawn_frames[typed]
-        T_typed = on_parent if users[0].parent == body else on_child
-    centre = T_typed[:3, 3]
+    T_given = np.eye(4)  # the frame given by numbers, in drawn coordinates
+    if given_joint:
+        on_parent, on_child = drawn_frames[given_joint]
+        T_given = on_parent if users[0].parent == body else on_child
+    centre = T_given[:3, 3]
     if moving:  # about their middle, the translation of the twist is the displacement of the features
         centre = np.mean([features_of_part[name].face.point for name in moving], axis=0)
 
@@ -276,8 +279,8 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         for name in moving:
             faces[name] = _displaced_feature(features_of_part[name], T)
         frames = {}
-        if typed:
-            frames[typed, body] = T @ T_typed
+        if given_joint:
+            frames[given_joint, body] = T @ T_given
         return faces, frames
 
     def misfit(twist: Array) -> Array:
@@ -294,7 +297,7 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
                 else:
                     sides.append(features.frame(spec, faces))
             on_parent, on_child = sides
-            offset, turn = meeting.locked(spatial.inverse(on_parent) @ on_child, joint.type)
+            offset, turn = meeting.locked_gap(spatial.inverse(on_parent) @ on_child, joint.type)
             parts += [offset, _LEVER * turn]
         return np.concatenate(parts)
 
@@ -313,21 +316,21 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     return Suspect(body, names, joints, offset, tilt, corrected, given=frames)
 
 
-def _users(description: Description, body: str, names: tuple[str, ...], typed: str) -> list[JointSpec]:
-    """Return the joints of a part whose frames move with the features `names`, or with the given frame of `typed`."""
+def _users(description: Description, body: str, names: tuple[str, ...], given_joint: str) -> list[JointSpec]:
+    """Return the joints of a part whose frames move with the features `names`, or with the frame of `given_joint`."""
     users = []
     for joint in description.joint:
         for side, spec in joint.sides:
-            if side == body and _uses(joint.name, spec, names, typed):
+            if side == body and _uses(joint.name, spec, names, given_joint):
                 users.append(joint)
     return users
 
 
-def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bool:
-    """Return whether the frame of a joint moves with the features `names`, or with the given frame of joint `typed`."""
-    if typed:
-        return joint == typed
-    return not names or bool(set(names) & set(spec.features(*_ENTRIES)))
+def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], given_joint: str) -> bool:
+    """Return whether the frame of a joint moves with the features `names`, or with the frame of `given_joint`."""
+    if given_joint:
+        return joint == given_joint
+    return not names or bool(set(names) & set(spec.features(*_FEATURE_ENTRIES)))
 
 
 def _displaced_feature(feature: MeasuredFeature, T: Array) -> MeasuredFeature:
@@ -360,8 +363,8 @@ def _length_evidence(cad: CadModel, suspect: Suspect, nominal: Mapping[str, floa
     """
     limit = cad.description.tolerance.meeting_um * UM
     try:
-        before = measure(cad)
-        after = measure(replace(cad, measured=suspect.faces))  # type: ignore[arg-type]
+        before = measured_lengths(cad)
+        after = measured_lengths(replace(cad, measured=suspect.faces))  # type: ignore[arg-type]
     except CadError:  # the distance between tilted axes is undefined
         return
     for index, (length, corrected) in enumerate(zip(before, after, strict=True)):
@@ -404,9 +407,9 @@ def _equal_part_evidence(cad: CadModel, suspect: Suspect) -> Iterator[tuple[bool
     for body, other_features in measured.items():
         if body == suspect.body or _kinds(other_features) != kinds:
             continue
-        if _same(cad, measured[suspect.body], other_features, suspect.features):
+        if _have_same_gaps(cad, measured[suspect.body], other_features, suspect.features):
             before.append(body)
-        if _same(cad, suspect.faces[suspect.body], other_features, suspect.features):
+        if _have_same_gaps(cad, suspect.faces[suspect.body], other_features, suspect.features):
             after.append(body)
     if after and not before:
         yield True, f"'{suspect.body}' differs from {_quoted(after)}"
@@ -426,7 +429,7 @@ def _quoted(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
 
 
-def _same(
+def _have_same_gaps(
     cad: CadModel, first: Mapping[str, MeasuredFeature], second: Mapping[str, MeasuredFeature], names: Iterable[str]
 ) -> bool:
     """Return whether the features `names` have the same angles and distances to all others of their part in a and b."""
@@ -437,8 +440,8 @@ def _same(
             if other_name == name:
                 continue
             # (angle, distance)
-            pair_a = np.array(pair(first[name], first[other_name]))
-            pair_b = np.array(pair(second[name], second[other_name]))
+            pair_a = np.array(angle_and_distance(first[name], first[other_name]))
+            pair_b = np.array(angle_and_distance(second[name], second[other_name]))
             difference = np.abs(pair_a - pair_b)
             is_defined = np.isfinite(difference)  # parallel axes have no distance along them
             if (difference[is_defined] > limits[is_defined]).any():

@@ -14,11 +14,11 @@ from twin.cad.features import MeasuredFeature
 from twin.core import spatial
 from twin.core.errors import CadError
 
-_PARALLEL = 1e-3
+_PARALLEL_SINE = 1e-3
 """Maximum sine of the angle between the axes of a declared length."""
 
-_ALIGNED = 0.02
-"""Maximum sine of the angle between two directions that count as parallel in `pair`."""
+_ALIGNED_SINE = 0.02
+"""Maximum sine of the angle between two directions that count as parallel in `angle_and_distance`."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Length:
     value: float
 
 
-def measure(cad: CadModel) -> tuple[Length, ...]:
+def measured_lengths(cad: CadModel) -> tuple[Length, ...]:
     """Return the measured values of the lengths that the description declares.
 
     Raises:
@@ -51,17 +51,17 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
 
 def _distance(body: str, first: MeasuredFeature, second: MeasuredFeature) -> float:
     """Return the distance in m between two faces: of a sphere, the centre is used; of a cylinder, the axis."""
-    angle, distance = pair(first, second)
+    angle, distance = angle_and_distance(first, second)
     tilt = np.sin(angle)
     if {first.face.kind, second.face.kind} == {"plane", "cylinder"}:
         tilt = np.cos(angle)  # the direction of a plane is its normal
-    if tilt > _PARALLEL:
+    if tilt > _PARALLEL_SINE:
         text = f"'{first.name}' and '{second.name}' are not parallel, so that their distance is undefined"
         raise CadError(f"length on '{body}': {text}")
     return distance
 
 
-def pair(first: MeasuredFeature, second: MeasuredFeature) -> tuple[float, float]:
+def angle_and_distance(first: MeasuredFeature, second: MeasuredFeature) -> tuple[float, float]:
     """Return (angle in rad, distance in m) between two faces; an undefined value is NaN."""
     offset = second.face.point - first.face.point
     kinds = {first.face.kind, second.face.kind}
@@ -73,15 +73,15 @@ def pair(first: MeasuredFeature, second: MeasuredFeature) -> tuple[float, float]
     angle = float(np.arctan2(sine, cosine))
     if kinds == {"plane", "cylinder"}:
         # The axis must lie along the plane: a distance of an axis that meets the plane is undefined.
-        if not cosine < _ALIGNED:
+        if not cosine < _ALIGNED_SINE:
             return angle, np.nan
         plane = first if first.face.kind == "plane" else second
         return angle, abs(float(offset @ plane.direction))
     if kinds == {"plane"}:
-        if not sine < _ALIGNED:
+        if not sine < _ALIGNED_SINE:
             return angle, np.nan
         return angle, abs(float(offset @ first.direction))
-    if sine < _ALIGNED:
+    if sine < _ALIGNED_SINE:
         return angle, float(spatial.point_to_line(second.face.point, first.face.point, first.direction))
     return angle, abs(float(offset @ cross)) / sine  # between skew axes, along their common normal
 

@@ -17,7 +17,7 @@ def meetings(description: Description, drawn_frames: DrawnFrames) -> list[Findin
     """Return findings on joints whose two frames are offset or tilted in the CAD; free directions are ignored."""
     findings = []
     for joint in description.joint:
-        offset, tilt = locked_error(between(drawn_frames, joint.name), joint.type)
+        offset, tilt = locked_gap_sizes(child_in_parent(drawn_frames, joint.name), joint.type)
         for code, what, size, limit in (
             ("cad.meeting", "apart", mm(offset), mm(description.tolerance.meeting_um * UM)),
             ("cad.tilt", "tilted", deg(tilt), Quantity(description.tolerance.meeting_deg, "deg")),
@@ -38,15 +38,15 @@ def meetings(description: Description, drawn_frames: DrawnFrames) -> list[Findin
     return findings
 
 
-def between(drawn_frames: DrawnFrames, joint: str) -> Array:
+def child_in_parent(drawn_frames: DrawnFrames, joint: str) -> Array:
     """Return the pose (4, 4) of the child's joint frame in the parent's joint frame, as in the CAD."""
     return spatial.inverse(drawn_frames.on[joint][0]) @ drawn_frames.on[joint][1]
 
 
-def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
+def locked_gap(T: Array, joint_type: str) -> tuple[Array, Array]:
     """Return (offset in m, rotation vector in rad), (3,) each, of a joint's child frame relative to its parent frame.
 
-    `T` (4, 4) is the pose from `between`. Components in the free directions of the joint are 0.
+    `T` (4, 4) is the pose from `child_in_parent`. Components in the free directions of the joint are 0.
     For revolute and cylindrical joints, the rotation is the one that turns the parent's axis to the child's axis.
     """
     offset, turn = T[:3, 3].copy(), np.zeros(3)
@@ -66,7 +66,7 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
     return offset, turn
 
 
-def locked_error(T: Array, joint_type: str) -> tuple[float, float]:
+def locked_gap_sizes(T: Array, joint_type: str) -> tuple[float, float]:
     """Return (offset in m, angle in rad) between a joint's two frames; motion that the joint allows is not counted."""
-    offset, turn = locked(T, joint_type)
+    offset, turn = locked_gap(T, joint_type)
     return float(np.linalg.norm(offset)), float(np.linalg.norm(turn))

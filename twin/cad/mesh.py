@@ -26,11 +26,13 @@ from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 
 SUFFIXES = (".stl", ".obj", *GLTF_SUFFIXES, ".3mf", ".ply", ".dae")
+"""Suffixes of the mesh files that are read."""
 
-_PLAUSIBLE = (0.5 * MM, 20.0)
+_PLAUSIBLE_SIZES = (0.5 * MM, 20.0)
 """Minimum and maximum plausible size of a robot part in m; for another size, the declared unit is probably wrong."""
 
-_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+_TO_Z_UP = {"z": np.eye(3), "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+"""{axis that points up in a file: rotation (3, 3) to z up}."""
 
 
 def load_mesh(
@@ -91,9 +93,9 @@ def load_mesh(
         raise CadError(f"{path}: the file has no triangles")
     if stated is not None and UNITS[stated] != LENGTH[unit]:
         raise CadError(f"{path}: unit '{unit}' is declared, but the file states {stated}; declare the unit of the file")
-    vertices, triangles = weld(vertices * size @ _UP[up].T, triangles)
+    vertices, triangles = weld(vertices * size @ _TO_Z_UP[up].T, triangles)
     extent = float(np.ptp(vertices, axis=0).max())
-    if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:
+    if not _PLAUSIBLE_SIZES[0] <= extent <= _PLAUSIBLE_SIZES[1]:
         findings.append(
             warning(
                 "cad.implausible_size",

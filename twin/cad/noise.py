@@ -20,8 +20,10 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 
 _SMALLEST_POSITION = 0.1 * UM
+"""Noise of positions in m from which a text states it."""
+
 _SMALLEST_DIRECTION = 1e-6
-"""Noise in m and in rad from which a text states it."""
+"""Noise of directions in rad from which a text states it."""
 
 CAUSE = "noise of the CAD"
 """Name of the cause of the findings on joints whose parts do not meet because of noise."""
@@ -32,7 +34,7 @@ _FEWEST_JOINTS = 4
 _LARGEST_RATIO = 6.0
 """Maximum ratio of the largest and the median gap; a larger gap has a cause of its own."""
 
-_DRAWS = 16
+_SAMPLE_COUNT = 16
 """Number of random errors from which the gaps are computed that noise causes."""
 
 _UNIT_NOISE = (1 * UM, 1e-5)
@@ -100,10 +102,10 @@ def noise(description: Description, measured: Faces, findings: Sequence[Finding]
     # mean squares of offsets and of angles (rows) for noise of one unit of positions and of directions (columns)
     effect = np.zeros((2, 2))
     try:
-        for _ in range(_DRAWS):
+        for _ in range(_SAMPLE_COUNT):
             for column, (position, direction) in enumerate(np.diag(_UNIT_NOISE)):
-                change = _gaps(description, redrawn(measured, position, direction, rng)) - gaps
-                effect[:, column] += _squares(change) / _DRAWS
+                change = _gaps(description, with_noise(measured, position, direction, rng)) - gaps
+                effect[:, column] += _squares(change) / _SAMPLE_COUNT
     except CadError:  # the features hardly define the frames
         return None
     scale = np.array(_UNIT_NOISE) ** 2
@@ -117,7 +119,7 @@ def noise(description: Description, measured: Faces, findings: Sequence[Finding]
     return Noise(float(position), float(direction), joints, largest)
 
 
-def redrawn(measured: Faces, position: float, direction: float, rng: np.random.Generator) -> Faces:
+def with_noise(measured: Faces, position: float, direction: float, rng: np.random.Generator) -> Faces:
     """Return the features with random errors of the given standard deviations (m; rad)."""
     disturbed: dict[str, dict[str, MeasuredFeature]] = {}
     for body, features in measured.items():
@@ -149,7 +151,7 @@ def _gaps(description: Description, faces: Faces) -> Array:
     at = drawn(description, faces)
     gaps = []
     for joint in description.joint:
-        offset, turn = meeting.locked(meeting.between(at, joint.name), joint.type)
+        offset, turn = meeting.locked_gap(meeting.child_in_parent(at, joint.name), joint.type)
         gaps.append([*offset, *turn])
     return np.array(gaps)
 

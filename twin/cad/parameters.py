@@ -63,15 +63,15 @@ def _limit(limit: LimitSpec) -> Iterator[Row]:
             yield name, value, unit
 
 
-_ANGLE = {"value": "deg", "effort": "N m", "inertia": "kg m2", "stiffness": "N m/rad", "damping": "N m s/rad"}
+_ANGLE_UNITS = {"value": "deg", "effort": "N m", "inertia": "kg m2", "stiffness": "N m/rad", "damping": "N m s/rad"}
 """Units of a joint or motor that turns."""
 
-_LENGTH = {"value": "mm", "effort": "N", "inertia": "kg", "stiffness": "N/m", "damping": "N s/m"}
+_LENGTH_UNITS = {"value": "mm", "effort": "N", "inertia": "kg", "stiffness": "N/m", "damping": "N s/m"}
 """Units of a joint or motor that slides."""
 
 
 def _drive(drive: DriveSpec, is_angle: bool) -> Iterator[Row]:
-    units = _ANGLE if is_angle else _LENGTH
+    units = _ANGLE_UNITS if is_angle else _LENGTH_UNITS
     yield "stiffness", drive.stiffness, units["stiffness"]
     yield "damping", drive.damping, units["damping"]
     yield "max_effort", drive.max_effort, units["effort"]
@@ -87,7 +87,7 @@ def _coupling(coupling: CouplingSpec) -> Iterator[Row]:
 
 
 def _actuator(actuator: ActuatorSpec) -> Iterator[Row]:
-    units = _ANGLE if actuator.kind == "angle" else _LENGTH
+    units = _ANGLE_UNITS if actuator.kind == "angle" else _LENGTH_UNITS
     low, high = actuator.limits or (None, None)
     yield "limits from", low, units["value"]
     yield "limits to", high, units["value"]

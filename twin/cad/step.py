@@ -43,7 +43,7 @@ MASS_ANGLE = 0.15
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
-_MOST_CACHED = 128
+_MAX_CACHED_FILES = 128
 """Maximum number of converted STEP files in the cache; the built-in robots and scenes need about 40."""
 
 _GREY = (0.6, 0.6, 0.6, 1.0)
@@ -53,12 +53,16 @@ _SINGLE_PRECISION = 2.0**-23
 """Relative error of numbers in single precision, which have 23 binary digits after the first."""
 
 _WHITE_SPACE = bytes(byte for byte in range(256) if chr(byte).isspace())
+"""The bytes that are spaces or ends of lines in Latin-1."""
 
-_SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
-_IMPERIAL = {0.0254, 0.3048}
+_SI_PREFIXES = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
+"""{prefix of the metre in a STEP file: size of the unit in m}."""
+
+_NAMED_UNITS = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
+"""{name of a unit that a STEP file defines by a conversion from another: size of the unit in m}."""
+
+_IMPERIAL_UNITS = {0.0254, 0.3048}
 """Units in m that a file defines by a conversion from an SI unit."""
-
-_NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
         raise CadError(f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again.")
     units = _stated_units(path, compact)
     # A conversion-based unit is defined through an SI unit, which is therefore also in the file.
-    units = units & _IMPERIAL or units
+    units = units & _IMPERIAL_UNITS or units
     if not units:
         raise CadError(
             f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
@@ -173,7 +177,7 @@ def _stated_units(path: Path, compact: str) -> set[float]:
             continue
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
         if named:
-            unit = _NAMED_UNIT.get(named.group(1).upper())
+            unit = _NAMED_UNITS.get(named.group(1).upper())
             if unit is None:
                 raise CadError(f"{path}: the length unit '{named.group(1)}' is not known; export in mm")
             units.add(unit)
@@ -181,8 +185,8 @@ def _stated_units(path: Path, compact: str) -> set[float]:
         si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if si:
             prefix = si.group(1) or ""
-            if prefix in _SI_PREFIX:
-                units.add(_SI_PREFIX[prefix])
+            if prefix in _SI_PREFIXES:
+                units.add(_SI_PREFIXES[prefix])
     return units
 
 
@@ -245,7 +249,7 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
         data = glb.read_bytes()
     with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
         newest_last = sorted(folder.glob("*.glb"), key=lambda file: file.stat().st_mtime)
-        for old in newest_last[:-_MOST_CACHED]:
+        for old in newest_last[:-_MAX_CACHED_FILES]:
             old.unlink()
         with atomic_folder(folder) as work:
             (work / cached.name).write_bytes(data)
@@ -424,16 +428,19 @@ def _middle(extent: Sequence[float]) -> float:
     return (low + high) / 2
 
 
-_COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_COMPONENT_TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+"""{component type of a glTF accessor: type of its numbers}."""
+
+_COMPONENT_COUNTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+"""{type of a glTF accessor: count of numbers of one value}."""
 
 
 def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
     """Return the values (count,) or (count, width) of an accessor; the rows may be interleaved with others."""
     accessor = gltf["accessors"][index]
     view = gltf["bufferViews"][accessor["bufferView"]]
-    width = _WIDTHS[accessor["type"]]
-    dtype = np.dtype(_COMPONENTS[accessor["componentType"]])
+    width = _COMPONENT_COUNTS[accessor["type"]]
+    dtype = np.dtype(_COMPONENT_TYPES[accessor["componentType"]])
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", width * dtype.itemsize)
     rows = np.ndarray((accessor["count"], width), dtype, binary, start, (stride, dtype.itemsize))

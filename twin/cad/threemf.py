@@ -13,7 +13,8 @@ from twin.core.foreign.budget import BUDGETS, over
 from twin.core.foreign.text import parse_xml
 from twin.core.spatial import Array
 
-_MODEL = "3D/3dmodel.model"
+_MODEL_FILE = "3D/3dmodel.model"
+"""Path of the file with the meshes in the archive."""
 
 UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
 """{unit that a 3MF file may state: size of the unit in m}; the default unit is the millimeter."""
@@ -27,7 +28,7 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
         BudgetError: the unpacked or expanded file exceeds the limits of its format.
     """
     with zipfile.ZipFile(path) as archive:
-        root = parse_xml(path, archive.read(_MODEL), "3MF")
+        root = parse_xml(path, archive.read(_MODEL_FILE), "3MF")
     objects = {}
     for item in root.iterfind("{*}resources/{*}object"):
         objects[item.get("id")] = item

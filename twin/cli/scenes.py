@@ -62,7 +62,7 @@ def run(file: Path, args: argparse.Namespace) -> int:
     The exit code is 1 if bodies are nearer than the required clearance, or a trocar is not at its port.
     """
     scene = api.load_scene(file)
-    if "run" not in scene_commands(scene) and scene.plays:
+    if "run" not in scene_commands(scene) and scene.has_protocols:
         word = shlex.quote(args.robot)
         raise TwinError(
             f"scene '{scene.name}' plays protocol files; `twin run` requires protocols with a built stage: use "

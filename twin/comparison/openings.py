@@ -14,8 +14,10 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 _ROTATION_X = 3
+"""Number of the rotation about x among the six `free_axes` of a joint, which are shifts first."""
+
 _ROTATION_Z = 5
-"""Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
+"""Number of the rotation about z among the six `free_axes` of a joint."""
 
 
 def joint_opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:

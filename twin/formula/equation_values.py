@@ -16,13 +16,13 @@ from twin.core.program_end import ProgramEndError, contained
 from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Stage, SymbolFunction, arguments, unread
 from twin.formula.scalar import Value
 
-_SQUARE = re.compile(r"not square but (\d+)x(\d+)")
+_NOT_SQUARE = re.compile(r"not square but (\d+)x(\d+)")
 """Pattern in CasADi's error message for a matrix that is not square."""
 
-_REGULAR = 1e8
+_LARGEST_CONDITION = 1e8
 """Maximum condition number of numeric matrices to invert."""
 
-_ROUNDING = 1e-15
+_ZERO_ENTRY = 1e-15
 """Magnitude below which entries of an inverse become zero."""
 
 
@@ -66,7 +66,7 @@ def _failures_located(function: Callable[..., object], what: str) -> Iterator[No
 def _message(error: Exception) -> str:
     """Return the text of an error; a short one for a matrix that CasADi cannot invert."""
     text = str(error)
-    match = _SQUARE.search(text)
+    match = _NOT_SQUARE.search(text)
     if match is None:
         return text
     rows = int(match[1])
@@ -219,10 +219,10 @@ def _solution(matrix: ca.SX, right_side: ca.SX) -> ca.SX:
     """Return the solution of matrix x = right_side; one of plain numbers is inverted once."""
     if not ca.symvar(matrix):
         entries = ca.DM(ca.densify(matrix)).full()
-        if np.linalg.cond(entries) < _REGULAR:
+        if np.linalg.cond(entries) < _LARGEST_CONDITION:
             inverse = ca.DM(np.linalg.inv(entries))
             # without entries that are only rounding errors, which would add terms
-            return ca.SX(ca.sparsify(inverse, _ROUNDING)) @ right_side
+            return ca.SX(ca.sparsify(inverse, _ZERO_ENTRY)) @ right_side
     return ca.solve(matrix, right_side)
 
 

@@ -16,13 +16,13 @@ from twin.formula import symbolic
 if TYPE_CHECKING:
     from twin.codegen import Kernel
 
-_MANY = 20_000
+_KERNEL_SAMPLES = 20_000
 """Minimum number of samples in a batch for which a compiled kernel is used."""
 
-_BLOCK = 32
+_BLOCK_SIZE = 32
 """Number of samples in one mapped call; larger blocks are no faster, and are slower for small batches."""
 
-_FEW = 16
+_MAX_SINGLE_SAMPLES = 16
 """Maximum number of samples that are evaluated one by one: a block, which is always full, costs more."""
 
 
@@ -134,9 +134,9 @@ class Evaluator:
     @cached_property
     def _mapped(self) -> tuple:
         """Inputs (block, n) and outputs (block, m) of a mapped call, the function that makes it, and its buffer."""
-        function = self.function.map(_BLOCK)
-        inputs = np.zeros((_BLOCK, self.function.size1_in(0)))
-        outputs = np.zeros((_BLOCK, self.function.size1_out(0)))
+        function = self.function.map(_BLOCK_SIZE)
+        inputs = np.zeros((_BLOCK_SIZE, self.function.size1_in(0)))
+        outputs = np.zeros((_BLOCK_SIZE, self.function.size1_out(0)))
         buffer, trigger = function.buffer()
         buffer.set_arg(0, inputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
         buffer.set_res(0, outputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
@@ -146,17 +146,17 @@ class Evaluator:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
         count = len(samples)
         width = self.function.size1_out(0)
-        if count >= _MANY and width and self._kernel is not None:
+        if count >= _KERNEL_SAMPLES and width and self._kernel is not None:
             return self._kernel.rows(np.asarray(samples, float)).reshape(count, *self.shape)
         result = np.zeros((count, width))
-        if count <= _FEW:
+        if count <= _MAX_SINGLE_SAMPLES:
             for i in range(count):
                 result[i] = self.one(samples[i]).ravel()
         elif width:
             with self._block_lock:
                 inputs, outputs, trigger, _ = self._mapped
-                for start in range(0, count, _BLOCK):
-                    size = min(_BLOCK, count - start)
+                for start in range(0, count, _BLOCK_SIZE):
+                    size = min(_BLOCK_SIZE, count - start)
                     inputs[:size] = samples[start : start + size]
                     trigger()
                     result[start : start + size] = outputs[:size]

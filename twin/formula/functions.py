@@ -18,7 +18,7 @@ def if_else(condition: Value, yes: Value, no: Value) -> Value:
         selected = np.full(conditions.shape, None, dtype=object)
         for i in np.ndindex(selected.shape):
             selected[i] = if_else(conditions[i], yeses[i], noes[i])
-        return plain(selected)
+        return as_floats(selected)
     if isinstance(condition, Scalar):
         return condition.if_else(yes, no)
     if condition:
@@ -72,7 +72,7 @@ def inverse(T: np.ndarray) -> np.ndarray:
     return pose(R.T, -(R.T @ p))
 
 
-def plain(array: np.ndarray) -> np.ndarray:
+def as_floats(array: np.ndarray) -> np.ndarray:
     """Return an array of objects as an array of floats if it contains only numbers, else unchanged."""
     if array.dtype == object and not any(isinstance(x, Scalar) for x in array.ravel()):
         return array.astype(float)

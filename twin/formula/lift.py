@@ -13,11 +13,11 @@ from types import FunctionType, ModuleType, SimpleNamespace
 import numpy as np
 
 from twin.core.errors import no_inverse
-from twin.formula.functions import if_else, plain
+from twin.formula.functions import as_floats, if_else
 from twin.formula.loader import ModuleNames
 from twin.formula.scalar import Scalar, Value
 
-_MATH = {
+_NUMPY_OF_MATH = {
     "sin": np.sin,
     "cos": np.cos,
     "tan": np.tan,
@@ -39,14 +39,25 @@ _MATH = {
 }
 """{name of a function in `math`: equivalent NumPy function}."""
 
-_COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
+_COMPARISONS = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
 """Functions whose result for symbols is a condition, not a bool."""
 
-_MAKE = ("zeros", "ones", "eye", "identity", "empty", "full", "zeros_like", "ones_like", "empty_like", "full_like")
+_ARRAY_MAKER_NAMES = (
+    "zeros",
+    "ones",
+    "eye",
+    "identity",
+    "empty",
+    "full",
+    "zeros_like",
+    "ones_like",
+    "empty_like",
+    "full_like",
+)
 """Names of functions that make an array which authors fill later, also with symbols."""
 
 
-def scope(home: ModuleNames) -> ModuleNames:
+def lifted_globals(home: ModuleNames) -> ModuleNames:
     """Return the globals of a plain formula, with versions of NumPy and math that accept symbols.
 
     Functions of the same file are recreated with these globals.
@@ -99,22 +110,22 @@ class _LiftedModule:
         return value
 
 
-def _kind(*values: object) -> type[Scalar] | None:
+def _symbol_class(*values: object) -> type[Scalar] | None:
     """Return the class of the first symbol in values, lists and arrays; None if there is no symbol."""
     for value in values:
         if isinstance(value, Scalar):
             return type(value)
         kind_inside = None
         if isinstance(value, list | tuple):
-            kind_inside = _kind(*value)
+            kind_inside = _symbol_class(*value)
         elif isinstance(value, np.ndarray) and value.dtype == object:
-            kind_inside = _kind(*value.ravel())
+            kind_inside = _symbol_class(*value.ravel())
         if kind_inside is not None:
             return kind_inside
     return None
 
 
-def _boxed(x: Value, kind: type[Scalar]) -> Value:
+def _as_symbols(x: Value, kind: type[Scalar]) -> Value:
     """Convert a number or an array so that every entry is a symbol."""
     if isinstance(x, Scalar):
         return x
@@ -130,7 +141,7 @@ def _boxed(x: Value, kind: type[Scalar]) -> Value:
 def _numbers(x: Value) -> Value:
     """Return an array without symbols as an array of floats; return other values unchanged."""
     if isinstance(x, np.ndarray):
-        return plain(x)
+        return as_floats(x)
     return x
 
 
@@ -144,14 +155,14 @@ def _elementwise(ufunc: np.ufunc) -> Callable[..., Value]:
     """Return a version of a function of single entries (a ufunc)."""
 
     def call(*args: Value, **kwargs: object) -> Value:
-        kind = _kind(*args)
+        kind = _symbol_class(*args)
         if kind is None:
             return _on_numbers(ufunc, args, kwargs)
-        if ufunc in _COMPARE:
+        if ufunc in _COMPARISONS:
             kwargs["dtype"] = object  # otherwise the result would have to be True or False
         boxed = []
         for arg in args:
-            boxed.append(_boxed(arg, kind))
+            boxed.append(_as_symbols(arg, kind))
         return ufunc(*boxed, **kwargs)
 
     call.__name__ = ufunc.__name__
@@ -162,7 +173,7 @@ def _on_whole_arrays(function: Callable[..., Value]) -> Callable[..., Value]:
     """Return a version of a function of whole arrays, such as `np.stack`."""
 
     def call(*args: Value, **kwargs: object) -> Value:
-        kind = _kind(*args)
+        kind = _symbol_class(*args)
         if kind is None:
             return _on_numbers(function, args, kwargs)
         # dtype float is dropped, because the array may contain symbols
@@ -173,11 +184,11 @@ def _on_whole_arrays(function: Callable[..., Value]) -> Callable[..., Value]:
         boxed: list[Value] = []
         for arg in args:
             if isinstance(arg, np.ndarray):
-                arg = _boxed(arg, kind)
+                arg = _as_symbols(arg, kind)
             boxed.append(arg)
         result = function(*boxed, **kwargs)
         if isinstance(result, np.ndarray) and result.dtype == object:
-            return _boxed(result, kind)
+            return _as_symbols(result, kind)
         return result
 
     call.__name__ = function.__name__
@@ -225,7 +236,7 @@ def _sign(x: Value) -> Value:
 def _det(matrix: Value) -> Value:
     """Return the determinant of a square matrix of numbers or symbols."""
     matrix = np.asarray(matrix)
-    if _kind(matrix) is None:
+    if _symbol_class(matrix) is None:
         return np.linalg.det(_numbers(matrix))
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"a determinant takes a square matrix, not {matrix.shape}")
@@ -243,7 +254,7 @@ def _inv(matrix: Value) -> Value:
     matrix = np.asarray(matrix)
     if matrix.ndim == 2 and matrix.shape[0] != matrix.shape[1]:
         raise ValueError(no_inverse(*matrix.shape))
-    kind = _kind(matrix)
+    kind = _symbol_class(matrix)
     if kind is None:
         return np.linalg.inv(_numbers(matrix))
     size = len(matrix)
@@ -253,13 +264,13 @@ def _inv(matrix: Value) -> Value:
         for j in range(size):
             # the cofactor of the transposed entry
             inverse[i, j] = (-1.0) ** (i + j) * _det(_without(matrix, j, i)) / det
-    return _boxed(inverse, kind)
+    return _as_symbols(inverse, kind)
 
 
 def _pinv(matrix: Value) -> Value:
     """Return the pseudoinverse; that of symbols is only right for a matrix of full rank."""
     matrix = np.asarray(matrix)
-    if _kind(matrix) is None:
+    if _symbol_class(matrix) is None:
         return np.linalg.pinv(_numbers(matrix))
     rows, columns = matrix.shape
     if rows < columns:
@@ -279,7 +290,7 @@ def _without(matrix: np.ndarray, i: int, j: int) -> np.ndarray:
 
 
 _ARRAY_MAKERS: dict[str, Callable[..., np.ndarray]] = {}
-for _name in _MAKE:
+for _name in _ARRAY_MAKER_NAMES:
     _ARRAY_MAKERS[_name] = _filled_later(getattr(np, _name))
 _LINALG = _LiftedModule(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
 _NUMPY = _LiftedModule(
@@ -299,10 +310,10 @@ _NUMPY = _LiftedModule(
 def _of_math(name: str) -> Callable[..., Value]:
     """Return a version of a function of `math` that accepts symbols; numbers are left to `math`."""
     on_number = getattr(math, name)
-    on_symbol = _elementwise(_MATH[name])
+    on_symbol = _elementwise(_NUMPY_OF_MATH[name])
 
     def call(*args: Value) -> Value:
-        if _kind(*args) is None:
+        if _symbol_class(*args) is None:
             return on_number(*args)
         return on_symbol(*args)
 
@@ -310,7 +321,7 @@ def _of_math(name: str) -> Callable[..., Value]:
     return call
 
 
-_LIFTED_MATH = {name: _of_math(name) for name in _MATH}
+_LIFTED_MATH = {name: _of_math(name) for name in _NUMPY_OF_MATH}
 _MODULES: dict[str, _LiftedModule | SimpleNamespace] = {
     "numpy": _NUMPY,
     "numpy.linalg": _LINALG,

@@ -22,7 +22,7 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula import symbolic
 from twin.formula.contract import POSE_SYMBOL, ActiveJoint, Coordinates, Equation, Formula, Stage
-from twin.formula.lift import scope
+from twin.formula.lift import lifted_globals
 from twin.formula.loader import text_of
 from twin.formula.plain_function import POSE, PlainRows, entries
 from twin.formula.scalar import Value
@@ -68,7 +68,7 @@ def plain_formula(
     casadi = any(map(_of_casadi, values.values()))
     functions = values
     if not casadi:
-        functions = scope(values)
+        functions = lifted_globals(values)
     parameters = _parameters(module, path)
     parameter_names = [parameter.name for parameter in parameters]
     joint_names = [joint for joint, _ in joints]
@@ -116,9 +116,9 @@ def plain_formula(
         characteristic_length=_length_scale(parameters),
         points=dict(zip(point_names, point_names, strict=True)),
         seeds=_seeds(coordinates, home, inverse is not None),
-        first_fault=_first_fault_finder(_present(before_joints), coordinates),
+        first_fault=_first_fault_finder(_existing_functions(before_joints), coordinates),
     )
-    _check_on_symbols(formula, _present((points, inverse, forward)))
+    _check_on_symbols(formula, _existing_functions((points, inverse, forward)))
     return formula
 
 
@@ -130,7 +130,7 @@ def _active_joints(joints: Sequence[tuple[str, bool]]) -> tuple[ActiveJoint, ...
     return tuple(active_joints)
 
 
-def _present(rows: Sequence[_Rows | None]) -> list[_Rows]:
+def _existing_functions(rows: Sequence[_Rows | None]) -> list[_Rows]:
     """Return the functions that the file has."""
     present_rows = []
     for row in rows:
@@ -261,7 +261,7 @@ def _coordinates(taken_names: set[str], used_names: set[str]) -> Coordinates:
     if not set(orientation) & used_names - taken_names:
         orientation = ("rx", "ry", "rz")
         rotation_of = _rotation
-        orientation_of = _vector
+        orientation_of = _rotation_vector
     names = []
     for name in ("x", "y", "z", *orientation):
         names.append(f"tool_{name}" if name in taken_names else name)
@@ -280,7 +280,7 @@ def _rotation(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX) -> symbolic.SX:
     return symbolic.exp_so3(ca.vertcat(x, y, z))
 
 
-def _vector(T: symbolic.SX) -> tuple[symbolic.SX, symbolic.SX, symbolic.SX]:
+def _rotation_vector(T: symbolic.SX) -> tuple[symbolic.SX, symbolic.SX, symbolic.SX]:
     """Return the rotation vector in rad of a pose (4, 4)."""
     rotation_vector = symbolic.log_so3(T[0:3, 0:3])
     return rotation_vector[0], rotation_vector[1], rotation_vector[2]

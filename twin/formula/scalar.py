@@ -38,10 +38,10 @@ METHODS = (
 )
 """Functions that NumPy calls as methods of the objects in an array."""
 
-_BINARY = ("add", "sub", "mul", "truediv", "pow")
+_BINARY_OPERATORS = ("add", "sub", "mul", "truediv", "pow")
 """Names of the operators with two operands that give a number, in the module `operator`."""
 
-_COMPARE = ("lt", "le", "gt", "ge", "eq", "ne")
+_COMPARISON_OPERATORS = ("lt", "le", "gt", "ge", "eq", "ne")
 """Names of the operators that give a condition."""
 
 
@@ -159,7 +159,7 @@ def _operator(name: str, reflected: bool = False) -> Callable[[Scalar, object], 
 
 for _name in METHODS:
     setattr(Scalar, _name, _method(_name))
-for _name in (*_BINARY, *_COMPARE):
+for _name in (*_BINARY_OPERATORS, *_COMPARISON_OPERATORS):
     setattr(Scalar, f"__{_name}__", _operator(_name))
-for _name in _BINARY:
+for _name in _BINARY_OPERATORS:
     setattr(Scalar, f"__r{_name}__", _operator(_name, reflected=True))

@@ -18,7 +18,7 @@ SX = Any
 The stubs of CasADi describe no operators, and an overload for each of these types that loses a mixture of them.
 """
 
-_SERIES = 1e-6
+_LARGEST_SERIES_ANGLE = 1e-6
 """Squared angle in rad^2 below which series replace quotients; the first omitted term is below 1e-20."""
 
 
@@ -106,7 +106,7 @@ def unflat(v: SX, rows: int, columns: int) -> SX:
 def exp_so3(rotation_vector: SX) -> SX:
     """Return the rotation matrix (3, 3) of the rotation vector (3) in rad; smooth at 0."""
     squared_angle = ca.sumsqr(rotation_vector)
-    small = squared_angle < _SERIES
+    small = squared_angle < _LARGEST_SERIES_ANGLE
     safe = ca.if_else(small, 1, squared_angle)
     angle = ca.sqrt(safe)
     half = ca.sin(angle / 2)
@@ -149,7 +149,7 @@ def log_so3(R: SX) -> SX:
     cosine = q[0]
     vector_part = q[1:4]
     squared_sine = ca.sumsqr(vector_part)
-    small = squared_sine < _SERIES
+    small = squared_sine < _LARGEST_SERIES_ANGLE
     # both branches are evaluated and differentiated, so the arguments of the other branch are made harmless
     sine = ca.sqrt(ca.if_else(small, 1, squared_sine))
     squared_tangent = squared_sine / ca.if_else(small, cosine, 1) ** 2

@@ -6,10 +6,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-_SINGULAR = 1e15
+_SINGULAR_CONDITION = 1e15
 """Condition number from which a matrix is singular within the rounding of doubles."""
 
-_EIGENVALUES_SUFFICE = 1e-8
+_ACCURATE_EIGENVALUE_RATIO = 1e-8
 """Squared inverse condition number above which the eigenvalues of J J^T are accurate to eight digits."""
 
 
@@ -29,7 +29,7 @@ def condition_many(Js: Array) -> Array:
     squares = np.linalg.eigvalsh(product)
     smallest = squares[:, 0]
     largest = squares[:, -1]
-    is_accurate = smallest > _EIGENVALUES_SUFFICE * largest
+    is_accurate = smallest > _ACCURATE_EIGENVALUE_RATIO * largest
     conditions[finite[is_accurate]] = np.sqrt(largest[is_accurate] / smallest[is_accurate])
 
     singular_values = np.linalg.svd(J[~is_accurate], compute_uv=False)
@@ -48,7 +48,7 @@ def invert_many(Js: Array) -> Array:
     inverses = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
     finite = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
     if Js.shape[1] != Js.shape[2]:
-        regular = finite[condition_many(Js[finite]) < _SINGULAR]
+        regular = finite[condition_many(Js[finite]) < _SINGULAR_CONDITION]
         inverses[regular] = np.linalg.pinv(Js[regular])
         return inverses
     try:
@@ -59,5 +59,5 @@ def invert_many(Js: Array) -> Array:
                 inverses[i] = np.linalg.inv(Js[i])
     # the product of the Frobenius norms is at least the condition number, and at most n times as large
     sizes = np.linalg.norm(Js, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
-    inverses[~(sizes < _SINGULAR)] = np.nan
+    inverses[~(sizes < _SINGULAR_CONDITION)] = np.nan
     return inverses

@@ -21,34 +21,34 @@ from twin.kinematics import tasks
 MAX_ITERATIONS = 120
 """Maximum number of steps tried from one start."""
 
-_MU_FLOOR = 1e-11
+_SMALLEST_MU = 1e-11
 """Minimum damping, relative to the largest squared column norm of the first Jacobian."""
 
 _FIRST_MU = 1e-3
 """Damping of the first step, relative to the largest squared column norm of the first Jacobian."""
 
-_SMALLEST_FACTOR = 1 / 30
+_SMALLEST_MU_FACTOR = 1 / 30
 """Smallest factor of mu after a step that the linear model predicts well; Nielsen's rule has 1/3."""
 
-_NO_PROGRESS = 1e-12
+_SMALLEST_PROGRESS = 1e-12
 """Decrease of the cost, relative to the cost, below which a step makes no progress."""
 
-_STUCK = 3
+_MAX_STUCK_STEPS = 3
 """Number of steps without progress after which the iteration ends."""
 
-_TINY_STEP = 1e-28
+_SMALLEST_SQUARED_STEP = 1e-28
 """Squared norm of a rejected step below which it counts as one without progress."""
 
 _LARGEST_MU = 1e12
 """Damping above which no step helps, however short."""
 
-_SMALLEST_SIZE = 1e-12
+_SMALLEST_COLUMN_SIZE = 1e-12
 """Squared column norm that stands for 0: that of a task that no unknown changes."""
 
-_SMALLEST = 1e-300
+_SMALLEST_DECREASE = 1e-300
 """Decrease that stands for 0 in a quotient."""
 
-Kinds = tuple[tuple[str, tuple[int, ...]], ...]
+TermKinds = tuple[tuple[str, tuple[int, ...]], ...]
 """(kind, rows) of each term of a task."""
 
 
@@ -58,6 +58,21 @@ def _moved_pose(x: ca.SX, twist: ca.SX) -> ca.SX:
     return symbolic.flat(symbolic.retract(T, twist))
 
 
+def _memory_sizes(state_size: int, unknown_count: int) -> dict[str, int]:
+    """Return {quantity: count of its numbers} of the memory, which one call of an iteration hands to the next."""
+    return {
+        "state": state_size,
+        "cost": 1,
+        "squared residual": 1,  # of the task alone, without exceeded limits
+        "mu": 1,
+        "factor of mu": 1,
+        "stuck steps": 1,
+        "largest squared column norm": 1,
+        "gradient": unknown_count,  # J^T r
+        "normal matrix": unknown_count**2,  # J^T J
+    }
+
+
 class Iteration:
     """Compiled iteration for a robot and kinds of terms; the state is q (n,) or, without a forward equation, T (16,).
 
@@ -65,28 +80,28 @@ class Iteration:
     is used: it is zero within the joint limits and grows with the excess.
     """
 
-    def __init__(self, program: Program, kinds: Kinds) -> None:
+    def __init__(self, program: Program, kinds: TermKinds) -> None:
         """Compile the iteration; `kinds` are the terms of the task."""
         joint_count = len(program.order)
         by_joints = program.has_forward
-        self.state = joint_count if by_joints else 16
-        self.unknowns = joint_count if by_joints else 6
-        unknown_count = self.unknowns
+        self.state_size = joint_count if by_joints else 16
+        unknown_count = joint_count if by_joints else 6
+        self.unknown_count = unknown_count
         counts = []
-        self.rows = 0
+        self.row_count = 0
         for kind, rows in kinds:
-            counts.append(tasks.count(kind, joint_count))
-            self.rows += joint_count if kind == "joints" else len(rows)
+            counts.append(tasks.argument_count(kind, joint_count))
+            self.row_count += joint_count if kind == "joints" else len(rows)
 
-        # The memory is what one call hands to the next: state, cost, squared residual of the task, mu, factor of mu,
-        # steps without progress, largest squared column norm, gradient J^T r, and J^T J.
-        sizes = [self.state, 1, 1, 1, 1, 1, 1, unknown_count, unknown_count**2]
-        self.memory = sum(sizes)
-        input_sizes = [sum(counts), self.rows, unknown_count, joint_count, joint_count, joint_count]
-        arguments = ca.SX.sym("z", self.memory + sum(input_sizes))
-        x, cost, _, mu, factor, stuck, largest_size, g, H, _, _, step_scale, _, low, high = ca.vertsplit(
-            arguments, [0, *np.cumsum([*sizes, *input_sizes])]
-        )
+        sizes = _memory_sizes(self.state_size, unknown_count)
+        self.memory_size = sum(sizes.values())
+        self._memory_places = dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
+        input_sizes = [sum(counts), self.row_count, unknown_count, joint_count, joint_count, joint_count]
+        arguments = ca.SX.sym("z", self.memory_size + sum(input_sizes))
+        memory = ca.vertsplit(arguments[: self.memory_size], [0, *np.cumsum(list(sizes.values()))])
+        x, cost, squared_residual, mu, factor, stuck, largest_size, g, H = memory
+        inputs = arguments[self.memory_size :]
+        _, _, step_scale, _, low, high = ca.vertsplit(inputs, [0, *np.cumsum(input_sizes)])
         H = ca.reshape(H, unknown_count, unknown_count)
         at_limit = ca.SX.zeros(unknown_count)
         if by_joints:
@@ -102,19 +117,19 @@ class Iteration:
         else:
             x_new = _moved_pose(x, step * step_scale)
 
-        inputs = arguments[self.memory :]
         function = self._residual(program, kinds, inputs, input_sizes)
         r, J, squared_misfit, squared_joints = function(x_new, ca.SX.zeros(unknown_count), inputs)
         cost_new = ca.sumsqr(r)
         decrease = cost - cost_new
         predicted = ca.dot(step, mu * step - g * movable)
-        ratio = decrease / ca.fmax(predicted, _SMALLEST)
+        ratio = decrease / ca.fmax(predicted, _SMALLEST_DECREASE)
         is_first = largest_size == 0
         is_better = (cost_new < cost) * (ca.sumsqr(J) + squared_joints < np.inf)  # false if any value is NaN
-        largest_size_new = ca.if_else(is_first, ca.fmax(ca.mmax(ca.sum1(J * J)), _SMALLEST_SIZE), largest_size)
+        largest_size_new = ca.if_else(is_first, ca.fmax(ca.mmax(ca.sum1(J * J)), _SMALLEST_COLUMN_SIZE), largest_size)
         # If mu were below the floor, rounding errors divided by mu would cause motion in directions that are free.
-        shrunk = ca.fmax(mu * ca.fmax(_SMALLEST_FACTOR, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * largest_size)
-        stuck_new = ca.if_else(decrease < _NO_PROGRESS * cost, stuck + 1, 0)
+        shrunk = ca.fmax(mu * ca.fmax(_SMALLEST_MU_FACTOR, 1 - (2 * ratio - 1) ** 3), _SMALLEST_MU * largest_size)
+        stuck_new = ca.if_else(decrease < _SMALLEST_PROGRESS * cost, stuck + 1, 0)
+        # both lists in the order of `_memory_sizes`
         accepted = [
             x_new,
             cost_new,
@@ -126,25 +141,34 @@ class Iteration:
             J.T @ r,
             ca.vec(J.T @ J),
         ]
-        is_tiny = ca.sumsqr(step) < _TINY_STEP
-        unchanged = ca.vertsplit(arguments[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])
-        rejected = [*unchanged, mu * factor, 2 * factor, stuck + is_tiny, largest_size, g, ca.vec(H)]
+        is_tiny = ca.sumsqr(step) < _SMALLEST_SQUARED_STEP
+        rejected = [
+            x,
+            cost,
+            squared_residual,
+            mu * factor,
+            2 * factor,
+            stuck + is_tiny,
+            largest_size,
+            g,
+            ca.vec(H),
+        ]
         after = ca.if_else(is_better, ca.vertcat(*accepted), ca.vertcat(*rejected))
         self._evaluator = Evaluator("iteration", arguments, ca.cse(ca.vertcat(after, ca.sum1(movable))))
 
-    def _residual(self, program: Program, kinds: Kinds, inputs: ca.SX, input_sizes: list[int]) -> ca.Function:
+    def _residual(self, program: Program, kinds: TermKinds, inputs: ca.SX, input_sizes: list[int]) -> ca.Function:
         """Return a function of state, step and `inputs`: residual, Jacobian, and squares of task residual and joints.
 
         It has symbols of its own, so that the step of the iteration is not differentiated. `inputs` are those of
         `run`, of these sizes.
         """
         numbers, weights, step_scale, joint_scale, low, high = ca.vertsplit(inputs, [0, *np.cumsum(input_sizes)])
-        state = ca.SX.sym("at", self.state)
-        step = ca.SX.sym("by", self.unknowns)
+        state = ca.SX.sym("at", self.state_size)
+        step = ca.SX.sym("by", self.unknown_count)
         T, q = program.around(state, step * step_scale)
         counts = []
         for kind, _ in kinds:
-            counts.append(tasks.count(kind, len(program.order)))
+            counts.append(tasks.argument_count(kind, len(program.order)))
         terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
         residuals: list[ca.SX] = []
         for (kind, rows), arguments in zip(kinds, terms, strict=True):
@@ -164,18 +188,18 @@ class Iteration:
         `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, changes of the
         unknowns per unit of a step, weights of exceeded joint limits, lower limits, upper limits. The iteration stops
         when the norm of the whole residual (task and exceeded limits) is at most `goal`, after `MAX_ITERATIONS` steps,
-        when limits hold all joints, at the step `_STUCK` without progress since the last with progress, or when the
-        damping exceeds `_LARGEST_MU`. If the residual at the start is not finite, the result is (start, infinity, 0).
-        Otherwise, the norm of the task's residual at the start and after each step is appended to `history`.
+        when limits hold all joints, at step number `_MAX_STUCK_STEPS` without progress since the last with progress, or
+        when the damping exceeds `_LARGEST_MU`. If the residual at the start is not finite, the result is (start,
+        infinity, 0). Otherwise, the norm of the task's residual at the start and after each step is appended to
+        `history`.
         """
-        # places in the memory, see `__init__`
-        cost = self.state
-        squared_residual = cost + 1
-        mu = cost + 2
-        stuck = cost + 4
-        memory_and_inputs = np.zeros(self.memory + len(inputs))
-        memory_and_inputs[: self.state] = start
-        memory_and_inputs[self.memory :] = inputs
+        cost = self._memory_places["cost"]
+        squared_residual = self._memory_places["squared residual"]
+        mu = self._memory_places["mu"]
+        stuck = self._memory_places["stuck steps"]
+        memory_and_inputs = np.zeros(self.memory_size + len(inputs))
+        memory_and_inputs[: self.state_size] = start
+        memory_and_inputs[self.memory_size :] = inputs
         # An infinite cost and a zero step: the first call only evaluates.
         memory_and_inputs[cost] = np.inf
         memory_and_inputs[mu] = 1.0
@@ -187,20 +211,20 @@ class Iteration:
             history.append(float(np.sqrt(results[squared_residual])))
         # the last number is that of the unknowns that are not held at a limit
         while steps_tried < MAX_ITERATIONS and results[cost] > goal**2 and results[-1]:
-            memory_and_inputs[: self.memory] = results[:-1]
+            memory_and_inputs[: self.memory_size] = results[:-1]
             results = self._evaluator.one(memory_and_inputs)
             steps_tried += 1
             if history is not None:
                 history.append(float(np.sqrt(results[squared_residual])))
-            if results[stuck] >= _STUCK or results[mu] > _LARGEST_MU:
+            if results[stuck] >= _MAX_STUCK_STEPS or results[mu] > _LARGEST_MU:
                 break
-        return results[: self.state], float(np.sqrt(results[squared_residual])), steps_tried
+        return results[: self.state_size], float(np.sqrt(results[squared_residual])), steps_tried
 
 
-_ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDictionary()
+_ITERATIONS: WeakKeyDictionary[Program, dict[TermKinds, Iteration]] = WeakKeyDictionary()
 
 
-def iteration(program: Program, kinds: Kinds) -> Iteration:
+def iteration(program: Program, kinds: TermKinds) -> Iteration:
     """Return the `Iteration` for a robot and kinds of terms; it is compiled when first requested."""
     of_program = _ITERATIONS.setdefault(program, {})
     if kinds not in of_program:

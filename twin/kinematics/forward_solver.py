@@ -23,16 +23,16 @@ from twin.kinematics.solve import Joints, descend, seeds
 FORWARD_TOL = 1e-11
 """Norm of the joint error, in m or rad, below which a forward solution is accepted."""
 
-_SAME_POSE = 1e-6
+_SAME_POSE_DISTANCE = 1e-6
 """Difference in m and rad below which two poses count as the same assembly."""
 
-_STEPS = 8
+_SEED_STEPS = 8
 """Number of steps of q from a seed, where Newton's method fails in one."""
 
-_STARTS = 24
+_START_COUNT = 24
 """Number of starting states without a seed."""
 
-_TRAVEL = 0.5
+_MAX_TRAVEL = 0.5
 """Maximum travel (see `Program.newton`) from the seed to the solution of Newton's method.
 
 A solution with a larger travel might be on another branch. In this case the solver approaches q in small steps.
@@ -51,7 +51,7 @@ def forward(kin: Compiled, q: Array, seed: Array | None) -> Array:
         raise KinematicsError(f"{kin.formula.name}: q = {q} is not finite.")
     if seed is not None:
         return _from_seed(kin, q, seed)
-    return _cold(kin, q)
+    return _without_seed(kin, q)
 
 
 def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
@@ -69,7 +69,7 @@ def forward_many(kin: Compiled, qs: Array, seed: Array | None) -> Array:
         if not np.isfinite(q).all():
             continue
         try:
-            Ts[i] = _cold(kin, q) if previous is None else _from_seed(kin, q, previous)
+            Ts[i] = _without_seed(kin, q) if previous is None else _from_seed(kin, q, previous)
         except KinematicsError:
             continue
         previous = Ts[i]
@@ -105,12 +105,12 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
         if not error <= FORWARD_TOL:
             continue
         # Two candidates can converge to the same assembly.
-        is_known = any(_distance(refined, assembly) <= _SAME_POSE for assembly in assemblies)
+        is_known = any(_distance(refined, assembly) <= _SAME_POSE_DISTANCE for assembly in assemblies)
         if not is_known:
             assemblies.append(refined)
     if not assemblies:
         return []
-    scores = _score(kin, np.array(assemblies))
+    scores = _preference_scores(kin, np.array(assemblies))
     best_first = np.argsort(-scores, kind="stable")
     return [assemblies[i] for i in best_first]
 
@@ -119,7 +119,7 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     """Return the pose (4, 4) at q (n,) on the branch of the seed (4, 4)."""
     seed_signs = np.sign(kin.program.group["aspect"].one(seed.ravel()))
     T, error, travel, signs = _newton(kin, q, seed)
-    if error <= FORWARD_TOL and travel < _TRAVEL and (signs == seed_signs).all():
+    if error <= FORWARD_TOL and travel < _MAX_TRAVEL and (signs == seed_signs).all():
         return T
     # Far from the seed, Newton's method may jump to another branch; small steps of q prevent this.
     T_stepped = _in_steps(kin, q, seed, seed_signs)
@@ -156,14 +156,14 @@ def _in_steps(kin: Compiled, q: Array, seed: Array, seed_signs: Array) -> Array 
     if not np.isfinite(q_seed).all():
         return None
     T = seed
-    for fraction in np.linspace(0, 1, _STEPS + 1)[1:]:
+    for fraction in np.linspace(0, 1, _SEED_STEPS + 1)[1:]:
         T, error, travel, signs = _newton(kin, q_seed + fraction * (q - q_seed), T)
-        if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == seed_signs).all()):
+        if not (error <= FORWARD_TOL and travel < _MAX_TRAVEL and (signs == seed_signs).all()):
             return None
     return T
 
 
-def _cold(kin: Compiled, q: Array) -> Array:
+def _without_seed(kin: Compiled, q: Array) -> Array:
     """Return the pose (4, 4) at q (n,) on the preferred branch, without a seed."""
     preferred = np.array([aspect.preferred for aspect in kin.formula.aspects])
     if kin.formula.branches is not None:
@@ -172,7 +172,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
                 return T
     best: Array | None = None
     residual = np.inf
-    for seed in seeds(kin, rng=0, starts=_STARTS):
+    for seed in seeds(kin, rng=0, starts=_START_COUNT):
         result = descend(kin, Joints(q), seed)
         T, error, _, signs = _newton(kin, q, result.T)
         if error <= FORWARD_TOL and (signs == preferred).all():
@@ -200,13 +200,13 @@ def _newton_many(kin: Compiled, qs: Array, seed_poses: Array) -> Array:
     results = newton_results(kin.program.newton.many(np.hstack([qs, flat])))
     seed_signs = np.sign(kin.program.group["aspect"].many(flat))
     on_branch = (np.sign(results.aspects) == seed_signs).all(axis=1)
-    solved = (results.error <= FORWARD_TOL) & (results.travel < _TRAVEL) & on_branch
+    solved = (results.error <= FORWARD_TOL) & (results.travel < _MAX_TRAVEL) & on_branch
     Ts = results.T.copy()
     Ts[~solved] = np.nan
     return Ts
 
 
-def _score(kin: Compiled, Ts: Array) -> Array:
+def _preference_scores(kin: Compiled, Ts: Array) -> Array:
     """Return scores (k,) of poses: the number of preferred aspect signs, minus at most 0.5 for the distance from home.
 
     Home is the first seed of the formula.

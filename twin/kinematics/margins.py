@@ -12,16 +12,16 @@ from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.compile import Kinematics, compile_formula
 
-_CLOSE = 1e-6
+_STATE_TOLERANCE = 1e-6
 """Maximum difference (m, rad) at which the result of exact equations counts as equal to a given state."""
 
-_LEVER = 0.1
+_ERROR_LEVER = 0.1
 """Length in m that divides an error in m, to give an error in rad; equations share no constant with the mechanism."""
 
-_PASSIVE = 100
+_PASSIVE_FACTOR = 100
 """Factor of the same difference for passive joints: near a singularity, they turn far for a small error of the tool."""
 
-_LENGTHS = ("mm", "m", "cm", "um")
+_LENGTH_UNITS = ("mm", "m", "cm", "um")
 """Units of lengths in formulas."""
 
 
@@ -70,9 +70,9 @@ class Margins:
         formula = kin.formula
         self._kin = kin
         # Near the end of reach, an error of a length moves joints by the square root of the error.
-        self._close = _CLOSE
+        self._state_tolerance = _STATE_TOLERANCE
         if error > ROUNDING:
-            self._close = max(_CLOSE, np.sqrt(error / _LEVER))
+            self._state_tolerance = max(_STATE_TOLERANCE, np.sqrt(error / _ERROR_LEVER))
         # in the order of the formula, in which the compiled function takes them
         self._passive: dict[str, bool] = {}
         for name in formula.passive:
@@ -137,19 +137,19 @@ class Margins:
         The equations do not reproduce a state if their solution is on another branch.
         """
         kin = self._kin
-        by_inverse = kin.closed_inverse and not self._many_ways
+        by_inverse = kin.closed_inverse and not self._is_redundant
         if not by_inverse and not kin.closed_forward:
             return np.ones(len(states.q), bool)
         checks_passive = passive and bool(self._passive)
         passive_values: Mapping[str, Array] = {}
         with np.errstate(all="ignore"):
             if by_inverse:
-                reproduced = self._same_joints(kin.inverse_many(states.Ts_base_tool), states.q, self._close)
+                reproduced = self._same_joints(kin.inverse_many(states.Ts_base_tool), states.q, self._state_tolerance)
                 if checks_passive:
                     passive_values = kin.passive_many(states.Ts_base_tool)
             else:
                 errors = np.abs(kin.program.forward.many(states.q) - states.Ts_base_tool)
-                reproduced = errors.max(axis=(1, 2)) < self._close
+                reproduced = errors.max(axis=(1, 2)) < self._state_tolerance
                 # With inverse equations, the passive joints would belong to another solution of a redundant robot.
                 if checks_passive and not kin.closed_inverse:
                     passive_values = kin.passive_many(qs=states.q)
@@ -159,17 +159,17 @@ class Margins:
             error = passive_values[name] - states.q_passive[name]
             if is_angle:
                 error = np.sin(error / 2) * 2  # a full turn is no error
-            reproduced = np.logical_and(reproduced, np.abs(error) < _PASSIVE * self._close)
+            reproduced = np.logical_and(reproduced, np.abs(error) < _PASSIVE_FACTOR * self._state_tolerance)
         return np.asarray(reproduced, bool)
 
-    def refuses(self, Ts_base_tool: Array) -> Array:
+    def reach_margins(self, Ts_base_tool: Array) -> Array:
         """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
         with np.errstate(all="ignore"):
             margins = self._kin.reach(Ts_base_tool)
         columns = [margins[name] for name in self._kin.formula.reach]
         return np.stack(columns, axis=1)
 
-    def fails(self, states: States) -> Array:
+    def largest_inverse_rate(self, states: States) -> Array:
         """Return the largest absolute entry (k,) of each inverse Jacobian; infinite for an unreachable state.
 
         The values are 0 if the formula has no inverse equations.
@@ -182,7 +182,7 @@ class Margins:
         size = np.abs(J).max(axis=(1, 2))
         return np.where(np.isfinite(size), size, np.inf)
 
-    def homogeneous(self, states: States, length_factor: float) -> bool:
+    def is_homogeneous(self, states: States, length_factor: float) -> bool:
         """Return whether all angles stay the same with all lengths of robot and states times `length_factor`.
 
         If the angles change, a length in the equations is a number instead of a parameter. A formula without lengths
@@ -198,22 +198,22 @@ class Margins:
             if kin.closed_inverse:
                 q_given = kin.inverse_many(states.Ts_base_tool)
                 q_enlarged = enlarged.inverse_many(_scaled(states.Ts_base_tool, length_factor))
-                return bool(self._same_joints(q_given * scale, q_enlarged, _CLOSE).all())
+                return bool(self._same_joints(q_given * scale, q_enlarged, _STATE_TOLERANCE).all())
             Ts = kin.program.forward.many(states.q)
             Ts_large = enlarged.program.forward.many(states.q * scale)
-        return bool(np.abs(_scaled(Ts, length_factor) - Ts_large).max() < _CLOSE)
+        return bool(np.abs(_scaled(Ts, length_factor) - Ts_large).max() < _STATE_TOLERANCE)
 
     def _lengths(self, length_factor: float) -> dict[str, float]:
         """Return the values of the parameters that are lengths, multiplied by `length_factor`, in m."""
         parameters = self._kin.parameters
         lengths: dict[str, float] = {}
         for parameter in self._kin.formula.parameters:
-            if parameter.unit in _LENGTHS:
+            if parameter.unit in _LENGTH_UNITS:
                 lengths[parameter.name] = length_factor * parameters[parameter.name]
         return lengths
 
     @property
-    def _many_ways(self) -> bool:
+    def _is_redundant(self) -> bool:
         """Whether a tool pose has infinitely many solutions: the robot is redundant."""
         return len(self._kin.formula.joints) > 6
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,7 @@ from twin.core.spatial import Array
 from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, PointSearch
 from twin.formula.evaluator import Evaluator
+from twin.formula.scalar import Value
 from twin.kinematics.compiled import Compiled
 
 
@@ -65,9 +65,9 @@ class PointFunctions:
         J = values[:, row_count:-1].reshape(len(x), unknown_count, row_count).transpose(0, 2, 1)
         return r, J, values[:, -1]
 
-    def _symbols(self, x: ca.SX) -> dict[str, Any]:
+    def _symbols(self, x: ca.SX) -> dict[str, Value]:
         """Return the symbols of the parameters and of the points, which x (3 m,) stacks."""
-        symbols: dict[str, Any] = dict(self.kin.parameters)
+        symbols: dict[str, Value] = dict(self.kin.parameters)
         for i, name in enumerate(self.search.unknowns):
             symbols[name] = x[3 * i : 3 * i + 3]
         return symbols
@@ -108,7 +108,7 @@ class PointFunctions:
     def _places(self) -> Evaluator:
         order = self.kin.program.order
         q = ca.SX.sym("q", len(order))
-        symbols: dict[str, Any] = dict(self.kin.parameters)
+        symbols: dict[str, Value] = dict(self.kin.parameters)
         symbols.update(zip(order, ca.vertsplit(q), strict=True))
         points = self._call("places", symbols)
         return Evaluator("places", q, ca.vertcat(*points))
@@ -133,11 +133,11 @@ class PointFunctions:
         joints = equation_values.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
         return Evaluator("joints_of_points", arguments, joints)
 
-    def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
+    def _inverse(self, symbols: dict[str, Value]) -> dict[str, Value]:
         """Return the symbols with those that the inverse equations compute from them."""
         return equation_values.run(self.kin.formula, self.kin.variants, symbols, "inverse")
 
-    def _call(self, name: str, symbols: dict[str, Any]) -> Any:
+    def _call(self, name: str, symbols: dict[str, Value]) -> Value:
         """Return what a function of the `PointSearch` returns for symbols."""
         what = f"formula '{self.kin.formula.name}', point_search.{name}"
         return equation_values.call(getattr(self.search, name), symbols, what)

@@ -28,24 +28,28 @@ TOLERANCE = 1e-12
 MAX_ITERATIONS = 100
 """Maximum number of steps of one search."""
 
-_GOAL = 1e-15
+_SOLVED_ROWS = 1e-15
 """Norm of the rows in m at which an iteration ends: a few roundings of 1 m."""
 
-_SAME_AXIS = 1e-12
+_AXIS_TOLERANCE = 1e-12
 """Difference of a component of two unit vectors that are the same."""
 
-_PARALLEL = 1e-12
+_PARALLEL_SINE = 1e-12
 """Sine of the angle of two unit vectors below which they are parallel."""
 
 _FIRST_DAMPING = 1e-3
+"""First value of mu, that of Marquardt."""
+
 _DAMPING_FACTOR = 10.0
-"""First value of mu, and the factor by which it is changed after each step: those of Marquardt."""
+"""Factor by which mu is changed after each step, that of Marquardt."""
 
-_LEAST_DAMPING = 1e-11
-_MOST_DAMPING = 1e10
-"""Limits of mu. Below the first, rounding would move the points along the redundant direction; the second ends."""
+_SMALLEST_DAMPING = 1e-11
+"""Minimum of mu: below it, rounding would move the points along the redundant direction."""
 
-_LEAST_DIAGONAL = 1e-12
+_LARGEST_DAMPING = 1e10
+"""Value of mu at which a search ends: no step helps, however short."""
+
+_SMALLEST_DIAGONAL = 1e-12
 """Minimum of an entry of D, relative to its largest entry: a column of J may be zero at a starting state."""
 
 _LIMIT_TOL = 1e-9
@@ -126,10 +130,10 @@ class PointSolver(PointFunctions):
         iterations = np.zeros(len(x), int)
         history = [norm.copy()]
         for _ in range(MAX_ITERATIONS):
-            running = np.flatnonzero((norm > _GOAL) & (damping < _MOST_DAMPING))
+            running = np.flatnonzero((norm > _SOLVED_ROWS) & (damping < _LARGEST_DAMPING))
             if not len(running):
                 break
-            x_new = x[running] + _steps(J[running], r[running], damping[running])
+            x_new = x[running] + _marquardt_steps(J[running], r[running], damping[running])
             r_new, J_new, between_new = self.rows_at(rows, x_new, tips_and_trocars[running])
             norm_new = np.linalg.norm(r_new, axis=1)
             is_better = norm_new < norm[running]
@@ -139,14 +143,14 @@ class PointSolver(PointFunctions):
             J[accepted] = J_new[is_better]
             norm[accepted] = norm_new[is_better]
             between[accepted] = between_new[is_better]
-            damping[accepted] = np.maximum(damping[accepted] / _DAMPING_FACTOR, _LEAST_DAMPING)
+            damping[accepted] = np.maximum(damping[accepted] / _DAMPING_FACTOR, _SMALLEST_DAMPING)
             damping[running[~is_better]] *= _DAMPING_FACTOR
             iterations[running] += 1
             norms = np.full(len(x), np.nan)
             norms[running] = norm[running]
             history.append(norms)
             at_rounding = (norm <= TOLERANCE) & (damping > _FIRST_DAMPING)
-            damping[at_rounding] = _MOST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
+            damping[at_rounding] = _LARGEST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
         points = x.reshape(-1, self.count, 3)
         return Descents(points, norm, iterations, between, np.stack(history, axis=1))
 
@@ -184,7 +188,7 @@ class PointSolver(PointFunctions):
             tip_of_start = self.kin.program.forward.one(q)[:3, 3]
             length = float(np.linalg.norm(start[0, -1] - tip_of_start))
             trocars = tips[unsolved] - 0.5 * length * axes[unsolved]
-            start_points = self.outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
+            start_points = self.starts_outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
             descents = self.descend(start_points, tips[unsolved], trocars, redundant=True)
             # The rows do not contain the sign of the redundant joint; the other sign is another solution.
             solved = descents.solved & (self.redundant_signs(descents.points) > 0)
@@ -192,7 +196,7 @@ class PointSolver(PointFunctions):
             unsolved = unsolved[~solved]
         return self.joints(points, Ts)
 
-    def outside(self, points: Array, tips: Array, trocars: Array) -> Array:
+    def starts_outside(self, points: Array, tips: Array, trocars: Array) -> Array:
         """Return starting points (k, m, 3) with the last point moved to the shaft, outside the trocar.
 
         Its distance from the tip remains. From such starts, a search hardly ever ends with the arm beyond the tip.
@@ -214,9 +218,9 @@ class PointSolver(PointFunctions):
             if not len(unsolved):
                 break
             start = np.repeat(self.places(q[None]), len(unsolved), axis=0)
-            start_points = self.outside(start, tips[unsolved], trocars[unsolved])
+            start_points = self.starts_outside(start, tips[unsolved], trocars[unsolved])
             descents = self.descend(start_points, tips[unsolved], trocars[unsolved])
-            self._keep(best, unsolved, descents, q, tips[unsolved], limits)
+            self._keep_nearer_to_limits(best, unsolved, descents, q, tips[unsolved], limits)
             unsolved = np.flatnonzero(best.excess > _LIMIT_TOL)
         return best
 
@@ -237,7 +241,7 @@ class PointSolver(PointFunctions):
             task: `Tip(p) + Trocar(c, axis)`, with the axis of the shaft and the tip in the origin of the tool frame.
             seed: q (n,) to start from first; the rotation about the shaft remains as near as possible to that at q.
             limits: (n, 2) lower and upper limit of each joint, in m or rad.
-            starts: number of further starting states: the formula's seeds, then random states; see `outside`.
+            starts: number of further starting states: the formula's seeds, then random states; see `starts_outside`.
             rng: seed of the random states.
 
         Raises:
@@ -245,7 +249,7 @@ class PointSolver(PointFunctions):
                 limit, `best` is the `Solution` with the smallest excess.
         """
         name = self.kin.formula.name
-        tip, trocar = self._given(task)
+        tip, trocar = self._tip_and_trocar(task)
         if not np.linalg.norm(trocar - tip) > TOLERANCE:
             raise KinematicsError(f"{name}: tip and trocar are the same point: they give no shaft.")
         best = None
@@ -276,7 +280,7 @@ class PointSolver(PointFunctions):
             raise KinematicsError(f"{self.kin.formula.name}: a seed must be q ({n},)")
         best = PointSolutions.none(1, n, self.count)
         descents = self.descend(self.places(q[None]), tip, trocar)
-        self._keep(best, np.arange(1), descents, q, tip, limits)
+        self._keep_nearer_to_limits(best, np.arange(1), descents, q, tip, limits)
         return best
 
     def _solution(self, solutions: PointSolutions, tip: Array, trocar: Array) -> Solution:
@@ -290,7 +294,7 @@ class PointSolver(PointFunctions):
         branch = str(self.kin.branch(Ts=T[None], qs=solutions.q)[0])
         return Solution(q, T, residual, branch, int(solutions.iterations[0]))
 
-    def _keep(
+    def _keep_nearer_to_limits(
         self,
         best: PointSolutions,
         rows: np.ndarray,
@@ -323,17 +327,17 @@ class PointSolver(PointFunctions):
         shafts /= np.linalg.norm(shafts, axis=1)[:, None]
         T = self.kin.program.forward.one(q)
         shaft_of_q = T[:3, :3] @ np.asarray(self.search.axis)
-        R = _turns(shaft_of_q, shafts) @ T[:3, :3]
+        R = _smallest_rotations(shaft_of_q, shafts) @ T[:3, :3]
         return spatial.pose(R, tips)
 
-    def _given(self, task: Task) -> tuple[Array, Array]:
+    def _tip_and_trocar(self, task: Task) -> tuple[Array, Array]:
         """Return tip and trocar (1, 3) of a task in m."""
         terms = {term.kind: term.numbers for term in task.terms}
         if len(task.terms) == 2 and terms.keys() == {"tip", "trocar"}:
             tip = terms["tip"]
             trocar = terms["trocar"]
             in_origin = not tip[3:6].any() and not trocar[6:9].any()
-            along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=_SAME_AXIS)
+            along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=_AXIS_TOLERANCE)
             if in_origin and along_axis:
                 return tip[None, :3], trocar[None, :3]
         axis = ", ".join(map("{:g}".format, self.search.axis))
@@ -363,26 +367,26 @@ def point_solver(kin: Compiled) -> PointSolver:
     return _SOLVERS[kin]
 
 
-def _steps(J: Array, r: Array, damping: Array) -> Array:
+def _marquardt_steps(J: Array, r: Array, damping: Array) -> Array:
     """Return the steps (k, n) of Marquardt's normal equations, J (k, r, n), rows (k, r), damping (k,)."""
     H = np.swapaxes(J, 1, 2) @ J
     g = np.einsum("kri,kr->ki", J, r)
     diagonal = np.einsum("kii->ki", H).copy()
-    least = _LEAST_DIAGONAL * diagonal.max(axis=1, keepdims=True)
+    least = _SMALLEST_DIAGONAL * diagonal.max(axis=1, keepdims=True)
     diagonal = np.maximum(diagonal, least)
     i = np.arange(H.shape[1])
     H[:, i, i] += damping[:, None] * diagonal
     return -np.linalg.solve(H, g[..., None])[..., 0]
 
 
-def _turns(direction: Array, directions: Array) -> Array:
+def _smallest_rotations(direction: Array, directions: Array) -> Array:
     """Return the smallest rotations (k, 3, 3) that turn the unit vector a (3,) into the unit vectors b (k, 3)."""
     axes = np.cross(direction, directions)
     sine = np.linalg.norm(axes, axis=1)
     cosine = directions @ direction
     unit = spatial.unit_across(direction)
     across = np.cross(direction, unit)
-    axes[sine < _PARALLEL] = across  # parallel: no rotation, or half a turn about any axis across
+    axes[sine < _PARALLEL_SINE] = across  # parallel: no rotation, or half a turn about any axis across
     axes /= np.linalg.norm(axes, axis=1)[:, None]
     angle = np.arctan2(sine, cosine)
     return spatial.exp_so3(angle[:, None] * axes)

@@ -36,7 +36,7 @@ _SPREAD_GROWTH = 0.8
 _LARGEST_SHIFT = 2
 """Largest shift of a random pose along each axis, in characteristic lengths, for a spread of 1."""
 
-_GOAL = 0.01
+_GOAL_SHARE = 0.01
 """Part of the tolerance at which a descent ends."""
 
 
@@ -105,9 +105,9 @@ def solve(
     states = seeds(kin, rng, starts, bounds)
     accepted_branch = kin.preferred_branch
     if seed is not None:
-        seed_state = _state(kin, seed)
+        seed_state = _state_of_seed(kin, seed)
         states = chain([seed_state], states)
-        accepted_branch = _label(kin, seed_state)
+        accepted_branch = _branch_label(kin, seed_state)
 
     start_count = 0
     iterations = 0
@@ -117,8 +117,8 @@ def solve(
         start_count += 1
         result = descend(kin, task, start, bounds, length_scale)
         iterations += result.iterations
-        label = _label(kin, result.T if kin.closed_inverse else result.q)
-        exceeded = _breaches(kin, result.q, bounds)
+        label = _branch_label(kin, result.T if kin.closed_inverse else result.q)
+        exceeded = _exceeded_limit_texts(kin, result.q, bounds)
         solution = Solution(result.q, result.T, result.residual, label, iterations)
         on_branch = any_branch or label == accepted_branch
         if result.residual <= TOLERANCE and not exceeded and on_branch:
@@ -173,7 +173,7 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:
-        home = _from_formula(kin, np.asarray(seed, float))
+        home = _state_of_formula_seed(kin, np.asarray(seed, float))
         homes.append(home)
         yield home
     generator = np.random.default_rng(rng)
@@ -260,14 +260,14 @@ def descend(
 
     # a tuple: compiled iterations are cached by robot and kinds
     compiled_iteration = iteration(kin.program, tuple(kinds))
-    end, residual, steps_tried = compiled_iteration.run(start_values, inputs, _GOAL * TOLERANCE, history)
+    end, residual, steps_tried = compiled_iteration.run(start_values, inputs, _GOAL_SHARE * TOLERANCE, history)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, steps_tried)
     q = kin.program.inverse.one(end)[:-1]
     return Descent(end.reshape(4, 4), q, residual, steps_tried)
 
 
-def _from_formula(kin: Compiled, seed: Array) -> Array:
+def _state_of_formula_seed(kin: Compiled, seed: Array) -> Array:
     """Convert a seed of the formula to a state; the seed is pose coordinates or, without inverse equations, q."""
     if not kin.closed_inverse:
         q = np.zeros(len(kin.joints))
@@ -278,7 +278,7 @@ def _from_formula(kin: Compiled, seed: Array) -> Array:
     return kin.inverse(T) if kin.closed_forward else T
 
 
-def _state(kin: Compiled, seed: ArrayLike) -> Array:
+def _state_of_seed(kin: Compiled, seed: ArrayLike) -> Array:
     """Convert a seed, q (n,) or pose (4, 4), to a state: q if there is a forward equation, else a pose.
 
     Raises:
@@ -296,7 +296,7 @@ def _state(kin: Compiled, seed: ArrayLike) -> Array:
     raise KinematicsError(f"a seed must be q ({len(kin.joints)},) or a pose (4, 4), not {seed.shape}.")
 
 
-def _label(kin: Compiled, state: Array) -> str:
+def _branch_label(kin: Compiled, state: Array) -> str:
     """Return the branch label of a state, q (n,) or pose (4, 4)."""
     batch = state[None]
     labels = kin.branch(qs=batch) if state.ndim == 1 else kin.branch(Ts=batch)
@@ -314,7 +314,7 @@ def _bounds(kin: Compiled, limits: ArrayLike | None) -> Array:
     return bounds
 
 
-def _breaches(kin: Compiled, q: Array, bounds: Array) -> list[str]:
+def _exceeded_limit_texts(kin: Compiled, q: Array, bounds: Array) -> list[str]:
     """Return a text for each joint of q (n,) that exceeds its limits (n, 2)."""
     texts: list[str] = []
     for name, value, is_angle, (low, high) in zip(kin.joints, q, kin.revolute, bounds, strict=True):

@@ -73,7 +73,7 @@ def Pose(T_base_tool: ArrayLike, mask: Sequence[bool] = (True,) * 6) -> Task:  #
         raise KinematicsError(
             f"task Pose: the mask must have 6 flags, including at least one True; found {tuple(mask)}."
         )
-    return _task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
+    return _one_term_task("pose", T.ravel(), tuple(i for i in range(6) if mask[i]))
 
 
 def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # noqa: N802
@@ -85,7 +85,9 @@ def Tip(p_base: ArrayLike, p_tool_tip: ArrayLike = (0.0, 0.0, 0.0)) -> Task:  # 
         >>> solution.T_base_tool[:3, 3].round(6).tolist()
         [0.4, 0.1, 0.5]
     """
-    return _task("tip", np.concatenate([_vector("Tip", p_base), _vector("Tip", p_tool_tip)]), (0, 1, 2))
+    return _one_term_task(
+        "tip", np.concatenate([_checked_vector("Tip", p_base), _checked_vector("Tip", p_tool_tip)]), (0, 1, 2)
+    )
 
 
 def Trocar(  # noqa: N802
@@ -114,15 +116,15 @@ def Trocar(  # noqa: N802
         >>> solution.T_base_tool[:3, 3].round(6).tolist()
         [0.5, 0.0, 0.3]
     """
-    a = _vector("Trocar", axis)
+    a = _checked_vector("Trocar", axis)
     if not np.linalg.norm(a) > 0:
         raise KinematicsError("task Trocar: the axis has length 0.")
     if depth is not None and not depth > 0:
         raise KinematicsError(f"task Trocar: depth {depth} m must be above 0.")
-    numbers = [_vector("Trocar", p_base), a / np.linalg.norm(a), _vector("Trocar", p_tool_tip)]
+    numbers = [_checked_vector("Trocar", p_base), a / np.linalg.norm(a), _checked_vector("Trocar", p_tool_tip)]
     if depth is None:
-        return _task("trocar", np.concatenate(numbers), (0, 1, 2))
-    return _task("trocar_depth", np.concatenate([*numbers, [depth]]), (0, 1, 2))
+        return _one_term_task("trocar", np.concatenate(numbers), (0, 1, 2))
+    return _one_term_task("trocar_depth", np.concatenate([*numbers, [depth]]), (0, 1, 2))
 
 
 def Joints(q: ArrayLike) -> Task:  # noqa: N802
@@ -138,22 +140,22 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
     q = np.asarray(q, float)
     if q.ndim != 1 or not np.isfinite(q).all():
         raise KinematicsError(f"task Joints: q must be a finite vector (n,), found shape {q.shape}.")
-    return _task("joints", q, tuple(range(len(q))))
+    return _one_term_task("joints", q, tuple(range(len(q))))
 
 
 def is_length(term: Term) -> np.ndarray:
     """Return (rows,) bool: whether each row of a term is a length; invalid for "joints": their units vary by robot."""
-    return np.array(_KINDS[term.kind].lengths)[list(term.rows)]
+    return np.array(_TERM_KINDS[term.kind].lengths)[list(term.rows)]
 
 
-def count(kind: str, joints: int) -> int:
+def argument_count(kind: str, joints: int) -> int:
     """Return the number of arguments of a term of the kind `kind`, for a robot with `joints` joints."""
-    return joints if kind == "joints" else _KINDS[kind].arguments
+    return joints if kind == "joints" else _TERM_KINDS[kind].arguments
 
 
 def residual(kind: str, rows: tuple[int, ...], T: ca.SX, q: ca.SX, numbers: ca.SX) -> ca.SX:
     """Return the unweighted residual of a term as an expression of pose (4, 4), joints (n,) and the term's numbers."""
-    r = q - numbers if kind == "joints" else _KINDS[kind].residual(T, numbers)
+    r = q - numbers if kind == "joints" else _TERM_KINDS[kind].residual(T, numbers)
     return r[list(rows)]
 
 
@@ -188,7 +190,7 @@ class _TermKind:
     lengths: tuple[bool, ...]
 
 
-_KINDS = {
+_TERM_KINDS = {
     "pose": _TermKind(_pose, arguments=16, lengths=(True, True, True, False, False, False)),
     "tip": _TermKind(_tip, arguments=6, lengths=(True, True, True)),
     "trocar": _TermKind(_trocar, arguments=9, lengths=(True, True, True)),
@@ -196,13 +198,13 @@ _KINDS = {
 }
 
 
-def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:
+def _one_term_task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:
     numbers = np.array(numbers, float)
     numbers.setflags(write=False)
     return Task((Term(kind, numbers, rows),))
 
 
-def _vector(task: str, value: ArrayLike) -> Array:
+def _checked_vector(task: str, value: ArrayLike) -> Array:
     v = np.asarray(value, float)
     if v.shape != (3,) or not np.isfinite(v).all():
         raise KinematicsError(f"task {task}: expected a finite vector of 3 numbers, found {value}.")

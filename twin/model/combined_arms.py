@@ -31,31 +31,39 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
         for body in mechanism.bodies:
             meshes = []
             for mesh in body.meshes:
-                meshes.append(replace(mesh, name=_own(arm, mesh.name)))
-            bodies.append(replace(body, name=_own(arm, body.name), meshes=tuple(meshes)))
+                meshes.append(replace(mesh, name=_name_in_combination(arm, mesh.name)))
+            bodies.append(replace(body, name=_name_in_combination(arm, body.name), meshes=tuple(meshes)))
         # The base of an arm keeps its own frame: where the arm stands is a joint, as for a robot on a mount.
-        joints.append(Joint(_own(arm, "stand"), "fixed", WORLD, _own(arm, mechanism.base), T_world_base))
+        joints.append(
+            Joint(
+                _name_in_combination(arm, "stand"),
+                "fixed",
+                WORLD,
+                _name_in_combination(arm, mechanism.base),
+                T_world_base,
+            )
+        )
         for joint in mechanism.joints:
-            mating = [_own(arm, name) for name in joint.mating]
+            mating = [_name_in_combination(arm, name) for name in joint.mating]
             renamed = replace(
                 joint,
-                name=_own(arm, joint.name),
-                parent=_own(arm, joint.parent),
-                child=_own(arm, joint.child),
+                name=_name_in_combination(arm, joint.name),
+                parent=_name_in_combination(arm, joint.parent),
+                child=_name_in_combination(arm, joint.child),
                 mating=tuple(mating),
             )
             joints.append(renamed)
         for coupling in mechanism.couplings:
-            coupled = [_own(arm, name) for name in coupling.joints]
-            couplings.append(replace(coupling, name=_own(arm, coupling.name), joints=tuple(coupled)))
+            coupled = [_name_in_combination(arm, name) for name in coupling.joints]
+            couplings.append(replace(coupling, name=_name_in_combination(arm, coupling.name), joints=tuple(coupled)))
         for body_name, T_base_body in mechanism.rest.items():
-            rest[_own(arm, body_name)] = T_world_base @ T_base_body
+            rest[_name_in_combination(arm, body_name)] = T_world_base @ T_base_body
         q = mechanism.home
         if q is None:
             have_homes = False
         else:
             for joint, value in zip(mechanism.active, q, strict=True):
-                home[_own(arm, joint.name)] = value
+                home[_name_in_combination(arm, joint.name)] = value
     last_arm, (last, _) = list(arms.items())[-1]
     tool = last.frame(last.tool)
     postures = {}
@@ -66,7 +74,7 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
         WORLD,
         tuple(bodies),
         tuple(joints),
-        (Frame(last.tool, _own(last_arm, tool.body), tool.T_body_frame),),
+        (Frame(last.tool, _name_in_combination(last_arm, tool.body), tool.T_body_frame),),
         rest=rest,
         postures=postures,
         tool=last.tool,
@@ -74,7 +82,7 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
     )
 
 
-def _own(arm: str, name: str) -> str:
+def _name_in_combination(arm: str, name: str) -> str:
     """Return the name, in the joined mechanism, of a part of an arm."""
     return f"{arm}_{name}"
 
@@ -84,5 +92,5 @@ def owners(arms: Mapping[str, tuple[Mechanism, Array]]) -> dict[str, str]:
     arm_of_body = {}
     for arm, (mechanism, _) in arms.items():
         for body in mechanism.bodies:
-            arm_of_body[_own(arm, body.name)] = arm
+            arm_of_body[_name_in_combination(arm, body.name)] = arm
     return arm_of_body

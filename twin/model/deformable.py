@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import UM
 from twin.model.body import Mesh
 
-_LARGEST_ERROR = 0.1 * UM
+_LARGEST_OMITTED = 0.1 * UM
 """Maximum error in m of a node's position due to the shapes that `Bend.shapes` omits."""
 
 
@@ -97,7 +97,7 @@ class Bend:
         U, S, Vt = np.linalg.svd(displacements.reshape(len(displacements), -1), full_matrices=False)
         needed = 0
         # By the nodes, not by the singular values: one node may have most of a small component.
-        while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _LARGEST_ERROR:
+        while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _LARGEST_OMITTED:
             needed += 1
         by_node = Vt[:needed].reshape(needed, displacements.shape[1], 3)
         factors = U[:, :needed] * S[:needed]

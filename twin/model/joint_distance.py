@@ -17,7 +17,7 @@ from twin.core.units import MM, UM
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
-_COINCIDENT = 1 * UM
+_COINCIDENT_DISTANCE = 1 * UM
 """Distance in m up to which two origins count as equal, so that there is no line through them."""
 
 
@@ -38,12 +38,12 @@ def distances(mechanism: Mechanism) -> list[Distance]:
     """
     distances_of_pairs = []
     for first, second in combinations(mechanism.joints, 2):
-        shared = _shared(first, second)
+        shared = _shared_bodies(first, second)
         # Two joints between the same two bodies have two distances: to change that on one body would tear the other.
         if len(shared) == 1:
-            between = _on(first, shared[0])[:3, 3] - _on(second, shared[0])[:3, 3]
+            between = _joint_frame_on(first, shared[0])[:3, 3] - _joint_frame_on(second, shared[0])[:3, 3]
             length = float(np.linalg.norm(between))
-            if length > _COINCIDENT:
+            if length > _COINCIDENT_DISTANCE:
                 distances_of_pairs.append(Distance(shared[0], first.name, second.name, length))
     return distances_of_pairs
 
@@ -62,7 +62,7 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     """
     first = mechanism.joint(joint)
     second = mechanism.joint(other)
-    shared = _shared(first, second)
+    shared = _shared_bodies(first, second)
     if joint == other or len(shared) != 1:
         what = f"share {' and '.join(shared)}"
         if joint == other:
@@ -75,15 +75,15 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
             f"'{joint}' has a distance to: {', '.join(partners) or 'none'}"
         )
     where = f"{mechanism.name}: distance of '{joint}' from '{other}' on '{shared[0]}'"
-    if not (np.isfinite(distance) and distance > _COINCIDENT):
+    if not (np.isfinite(distance) and distance > _COINCIDENT_DISTANCE):
         raise MechanismError(
-            f"{where}: {distance / MM:g} mm is not possible; give a length above {_COINCIDENT / MM:g} mm"
+            f"{where}: {distance / MM:g} mm is not possible; give a length above {_COINCIDENT_DISTANCE / MM:g} mm"
         )
-    T = _on(first, shared[0]).copy()
-    origin = _on(second, shared[0])[:3, 3]
+    T = _joint_frame_on(first, shared[0]).copy()
+    origin = _joint_frame_on(second, shared[0])[:3, 3]
     line = T[:3, 3] - origin
     length = float(np.linalg.norm(line))
-    if length <= _COINCIDENT:
+    if length <= _COINCIDENT_DISTANCE:
         raise MechanismError(
             f"{where}: the origins coincide ({length / UM:.3g} um) and define no line; choose other joints"
         )
@@ -102,8 +102,8 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
 
 def line_of(mechanism: Mechanism, distance: Distance) -> Array:
     """Return the unit vector (3,), in the frame of the body, along which `with_distance` moves the joint."""
-    origin = _on(mechanism.joint(distance.other), distance.body)[:3, 3]
-    line = _on(mechanism.joint(distance.joint), distance.body)[:3, 3] - origin
+    origin = _joint_frame_on(mechanism.joint(distance.other), distance.body)[:3, 3]
+    line = _joint_frame_on(mechanism.joint(distance.joint), distance.body)[:3, 3] - origin
     return line / np.linalg.norm(line)
 
 
@@ -134,12 +134,12 @@ def _partners(mechanism: Mechanism, joint: str) -> set[str]:
     return partners
 
 
-def _shared(a: Joint, b: Joint) -> list[str]:
+def _shared_bodies(a: Joint, b: Joint) -> list[str]:
     """Return the bodies to which both joints are attached."""
     return sorted({a.parent, a.child} & {b.parent, b.child})
 
 
-def _on(joint: Joint, body: str) -> Array:
+def _joint_frame_on(joint: Joint, body: str) -> Array:
     """Return T_body_joint (4, 4), the frame of a joint on one of its bodies."""
     if joint.parent == body:
         return joint.T_parent_joint

@@ -32,7 +32,7 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
     `among` has the names of joints that may lead or follow; couplings with other joints are omitted.
     """
     # {joint: how it follows its leader}; a leader follows itself
-    following_of = {joint.name: _leading(joint.name) for joint in mechanism.active}
+    following_of = {joint.name: _self_following(joint.name) for joint in mechanism.active}
     pending = []
     for coupling in mechanism.couplings:
         if len(coupling.joints) != 2:
@@ -59,14 +59,14 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
         if after in following_of:
             continue  # both are known already: the coupling is a condition between their leaders
         # A follower of a follower gets the leader's leader, as formats forbid chains of mimic joints.
-        previous = following_of.setdefault(before, _leading(before))
+        previous = following_of.setdefault(before, _self_following(before))
         follower = Following(after, previous.leader, step * previous.multiplier, step * previous.offset + shift)
         following_of[after] = follower
         followers[coupling.name] = follower
     return followers
 
 
-def _leading(name: str) -> Following:
+def _self_following(name: str) -> Following:
     """Return a leader as a joint that follows itself."""
     return Following(name, name, 1.0, 0.0)
 

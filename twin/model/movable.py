@@ -17,10 +17,10 @@ from twin.model.mechanism import Mechanism
 
 ShapeName = Literal["ring", "box", "ball"]
 
-_AROUND = 48
+_FACETS_AROUND_AXIS = 48
 """Number of facets around the axis of a ring or ball."""
 
-_ACROSS = 16
+_FACETS_AROUND_WIRE = 16
 """Number of facets around the wire of a ring, or from pole to pole of a ball."""
 
 _BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -78,7 +78,7 @@ class Movable:
         return Inertia(self.mass, np.zeros(3), np.diag(self.mass * moments))
 
 
-def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
+def objects_as_mechanism(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
     """Return the objects as free bodies of one mechanism; its base is the World and has no shape."""
     bodies = [Body(name)]
     joints = []
@@ -95,38 +95,41 @@ def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
 def _ring(radius: float, wire: float) -> tuple[Array, np.ndarray]:
     """Return vertices and triangles of a torus about z, with the radius of the wire's centre line and of the wire."""
     # Without the end: a full turn is the first point of the wire again.
-    angles = np.arange(_ACROSS) * (2 * np.pi / _ACROSS)
-    vertices = _turned(radius + wire * np.cos(angles), wire * np.sin(angles))
-    halves = _cells(_ACROSS, _ACROSS)
+    angles = np.arange(_FACETS_AROUND_WIRE) * (2 * np.pi / _FACETS_AROUND_WIRE)
+    vertices = _vertices_of_revolution(radius + wire * np.cos(angles), wire * np.sin(angles))
+    halves = _cell_triangles(_FACETS_AROUND_WIRE, _FACETS_AROUND_WIRE)
     return vertices, np.concatenate([halves[:, :, 0].reshape(-1, 3), halves[:, :, 1].reshape(-1, 3)])
 
 
 def _ball(radius: float) -> tuple[Array, np.ndarray]:
     """Return vertices and triangles of a ball with the poles on z."""
-    latitudes = np.linspace(-np.pi / 2, np.pi / 2, _ACROSS + 1)
-    vertices = _turned(0.0 + radius * np.cos(latitudes), radius * np.sin(latitudes))
-    halves = _cells(_ACROSS + 1, _ACROSS)
+    latitudes = np.linspace(-np.pi / 2, np.pi / 2, _FACETS_AROUND_WIRE + 1)
+    vertices = _vertices_of_revolution(0.0 + radius * np.cos(latitudes), radius * np.sin(latitudes))
+    halves = _cell_triangles(_FACETS_AROUND_WIRE + 1, _FACETS_AROUND_WIRE)
     # at a pole all vertices of a row coincide: one triangle per column there
     low = halves[:, 1:, 0]
     high = halves[:, :-1, 1]
     return vertices, np.concatenate([low.reshape(-1, 3), high.reshape(-1, 3)])
 
 
-def _turned(r: Array, z: Array) -> Array:
-    """Return the vertices (`_AROUND` * n, 3) of a profile r, z (n,) in m turned about z; it changes fastest."""
-    angles = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+def _vertices_of_revolution(r: Array, z: Array) -> Array:
+    """Return the vertices (`_FACETS_AROUND_AXIS` * n, 3) of a profile r, z (n,) in m turned about z.
+
+    The point of the profile changes fastest.
+    """
+    angles = np.arange(_FACETS_AROUND_AXIS) * (2 * np.pi / _FACETS_AROUND_AXIS)
     x = np.outer(np.cos(angles), r)
     y = np.outer(np.sin(angles), r)
     return np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1).reshape(-1, 3)
 
 
-def _cells(rows: int, cells: int) -> np.ndarray:
-    """Return the triangles (`_AROUND`, cells, 2, 3) of a turned profile with `rows` vertices.
+def _cell_triangles(rows: int, cells: int) -> np.ndarray:
+    """Return the triangles (`_FACETS_AROUND_AXIS`, cells, 2, 3) of a turned profile with `rows` vertices.
 
     The triangles close around the axis. The profile closes only if `cells` equals `rows`.
     """
-    i, j = np.meshgrid(np.arange(_AROUND), np.arange(cells), indexing="ij")
-    next_i = (i + 1) % _AROUND
+    i, j = np.meshgrid(np.arange(_FACETS_AROUND_AXIS), np.arange(cells), indexing="ij")
+    next_i = (i + 1) % _FACETS_AROUND_AXIS
     next_j = (j + 1) % rows
     return _halves(i * rows + j, next_i * rows + j, next_i * rows + next_j, i * rows + next_j)
 

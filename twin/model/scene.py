@@ -167,7 +167,7 @@ class Scene:
     blocks: Mapping[str, Mapping[str, BlockTable]]
 
     @property
-    def plays(self) -> bool:
+    def has_protocols(self) -> bool:
         """Whether every robot has a protocol."""
         return not self._without_protocol()
 
@@ -210,7 +210,7 @@ def load_scene(path: Path) -> Scene:
     names = [robot.name for robot in table.robot]
     _robots(path, table, names)
     for k, pair in enumerate(table.touching):
-        _check_pair(path, k, pair, names)
+        _check_touching_pair(path, k, pair, names)
     for name, camera in table.camera.items():
         if camera.robot not in names:
             raise error_at(path, ("camera", name, "robot"), unknown("robot", camera.robot, names))
@@ -309,7 +309,7 @@ def _place(robot: RobotTable, table: SceneTable, folder: Path) -> Place:
     return Place(robot.name, model, protocol, T_world_base, ports, positions, dict(robot.start))
 
 
-def _check_pair(path: Path, place: int, pair: tuple[str, str], names: list[str]) -> None:
+def _check_touching_pair(path: Path, place: int, pair: tuple[str, str], names: list[str]) -> None:
     """Raise an error if an entry of `touching` is not two different bodies, or if neither body belongs to a robot."""
     for full in pair:
         if full.count("/") != 1:
@@ -387,7 +387,7 @@ def _parameters(table: SceneTable) -> Iterator[Parameter]:
     yield from anatomy.listed(table.tissue)
     for name, vessel_table in table.vessel.items():
         yield from vessel.listed(name, vessel_table)
-    for name, task_table in table.tool.items():
-        yield from tool.listed(name, task_table)
+    for name, tool_table in table.tool.items():
+        yield from tool.listed(name, tool_table)
     for name, task_table in table.task.items():
         yield from task.listed(name, task_table)

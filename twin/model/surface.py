@@ -10,10 +10,10 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array, Index
 from twin.core.units import MM
 
-VERTICES = 6000
+MAX_VERTICES = 6000
 """Maximum number of vertices of a simulated surface; each picture frame sent to a page contains all of them."""
 
-_COINCIDENT = 1e-9
+_COINCIDENT_DISTANCE = 1e-9
 """Distance in m below which two vertices are merged: neighbouring faces of a STEP file do not share vertices."""
 
 
@@ -27,7 +27,7 @@ class Surface:
         """Merge equal vertices, then halve edges until no edge is longer than `edge` in m.
 
         Raises:
-            TwinError: the surface is empty, not finite, open, inverted, or has more than `VERTICES` vertices.
+            TwinError: the surface is empty, not finite, open, inverted, or has more than `MAX_VERTICES` vertices.
         """
         vertices = np.asarray(vertices, float).reshape(-1, 3)
         triangles = np.asarray(triangles, int).reshape(-1, 3)
@@ -44,16 +44,16 @@ class Surface:
                 f"surface '{name}' is inverted: its volume is {content * 1e6:.3g} cm3, because its triangles are "
                 "clockwise seen from outside; swap two corners of each triangle"
             )
-        while len(vertices) <= VERTICES:
+        while len(vertices) <= MAX_VERTICES:
             halved = _halved(vertices, triangles, edge)
             if halved is None:
                 break
             vertices, triangles = halved
-        if len(vertices) > VERTICES:
+        if len(vertices) > MAX_VERTICES:
             way_out = "draw it coarser"
             if np.isfinite(edge):
                 way_out = "allow longer edges"
-            raise TwinError(f"surface '{name}' is too fine: more than {VERTICES} vertices; {way_out}")
+            raise TwinError(f"surface '{name}' is too fine: more than {MAX_VERTICES} vertices; {way_out}")
         self.name = name
         self.vertices = vertices
         self.triangles = triangles
@@ -66,7 +66,7 @@ class Surface:
 
 def _merged(vertices: Array, triangles: Index) -> tuple[Array, Index]:
     """Return the surface with equal vertices merged, without triangles that this makes degenerate."""
-    cells = np.rint(vertices / _COINCIDENT)
+    cells = np.rint(vertices / _COINCIDENT_DISTANCE)
     _, first, index = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     triangles = index.reshape(-1)[triangles]
     a, b, c = triangles.T
@@ -130,12 +130,12 @@ def rings(triangles: Index, start: int) -> Index:
     """
     level = np.full(len(triangles), -1)
     level[start] = 0
-    for k, ring in enumerate(_outwards(triangles, start), 1):
+    for k, ring in enumerate(_triangle_rings(triangles, start), 1):
         level[ring] = k
     return level
 
 
-def _outwards(triangles: Index, start: int) -> Iterator[Index]:
+def _triangle_rings(triangles: Index, start: int) -> Iterator[Index]:
     """Yield the indices of the triangles of level 1, 2, ...; see `rings`."""
     reached_vertices = np.zeros(int(triangles.max()) + 1, bool)
     unreached = np.ones(len(triangles), bool)

@@ -72,15 +72,15 @@ class Tissue:
         return T
 
     @cached_property
-    def local(self) -> Array:
+    def vertices_in_grid(self) -> Array:
         """Vertices (n, 3) in m at rest, in the frame of the grid."""
         T = self.T_world_grid
         return (self.surface.vertices - T[:3, 3]) @ T[:3, :3]
 
     @cached_property
-    def cell(self) -> Array:
+    def cell_size(self) -> Array:
         """Edge lengths (3,) of a cell of the grid in m."""
-        return self.local.max(axis=0) / self.cells
+        return self.vertices_in_grid.max(axis=0) / self.cells
 
     @cached_property
     def nodes(self) -> Array:
@@ -88,12 +88,12 @@ class Tissue:
         x_cells, y_cells, z_cells = self.cells
         index = np.moveaxis(np.indices((x_cells + 1, y_cells + 1, z_cells + 1)), 0, -1).reshape(-1, 3)
         T = self.T_world_grid
-        return (index * self.cell) @ T[:3, :3].T + T[:3, 3]
+        return (index * self.cell_size) @ T[:3, :3].T + T[:3, 3]
 
     @cached_property
     def weights(self) -> Array:
         """Weights (n, k): vertices = weights @ nodes."""
-        return self._interpolated(self.local, None)
+        return self._interpolated(self.vertices_in_grid, None)
 
     @cached_property
     def gradients(self) -> Array:
@@ -104,16 +104,16 @@ class Tissue:
         """
         return np.stack(
             [
-                self._interpolated(self.local, 0),
-                self._interpolated(self.local, 1),
-                self._interpolated(self.local, 2),
+                self._interpolated(self.vertices_in_grid, 0),
+                self._interpolated(self.vertices_in_grid, 1),
+                self._interpolated(self.vertices_in_grid, 2),
             ]
         )
 
     def _interpolated(self, local: Array, axis: int | None) -> Array:
         """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or the derivatives along `axis`."""
         cells = np.array(self.cells)
-        at = local / self.cell
+        at = local / self.cell_size
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
         part = at - low
         weights = np.zeros((len(at), len(self.nodes)))
@@ -126,7 +126,7 @@ class Tissue:
                 sign = -1
                 if corner[axis]:
                     sign = 1
-                shares[:, axis] = sign / self.cell[axis]
+                shares[:, axis] = sign / self.cell_size[axis]
             weights[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += shares.prod(axis=1)
         return weights
 

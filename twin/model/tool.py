@@ -21,7 +21,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 }
 """{kind of a tool: the keys that it needs}; it takes none of the other optional ones."""
 
-DOES: dict[Kind, str] = {
+TOOL_TEXTS: dict[Kind, str] = {
     "grasper": "holds tissue and pulls it aside",
     "clip_applier": "closes a duct or a vessel with a clip",
     "scissors": "cuts tissue between its two blades",

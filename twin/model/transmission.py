@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 
 Coordinate = Literal["angle", "length"]
 
-CONDITION = 1e6
+LARGEST_CONDITION = 1e6
 """Condition number (see `condition`) above which a matrix counts as singular."""
 
 
@@ -151,17 +151,17 @@ def faults(
     names of the joints with a position drive.
     """
     for actuator in actuators:
-        for key, text in _actuator(actuator, joints):
+        for key, text in _actuator_faults(actuator, joints):
             yield "actuator", actuator.name, key, f"actuator '{actuator.name}': {text}"
     actuator_names = [a.name for a in actuators]
     moved_by: dict[str, str] = {}
     leads_to: dict[str, str] = {}
     for transmission in transmissions:
         for key, text in (
-            *_names("active joint", "joints", transmission.joints, active, transmission.name, moved_by),
-            *_names("actuator", "actuators", transmission.actuators, actuator_names, transmission.name, leads_to),
-            *_drives(transmission, own_drive),
-            *_matrix(transmission),
+            *_name_faults("active joint", "joints", transmission.joints, active, transmission.name, moved_by),
+            *_name_faults("actuator", "actuators", transmission.actuators, actuator_names, transmission.name, leads_to),
+            *_drive_faults(transmission, own_drive),
+            *_matrix_faults(transmission),
         ):
             yield "transmission", transmission.name, key, f"transmission '{transmission.name}': {text}"
     for name in actuator_names:
@@ -170,7 +170,7 @@ def faults(
             yield "actuator", name, "name", text
 
 
-def _names(
+def _name_faults(
     kind: str,
     key: str,
     names: Sequence[str],
@@ -189,14 +189,14 @@ def _names(
         transmission_of[name] = own_transmission
 
 
-def _drives(transmission: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
+def _drive_faults(transmission: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
     for name in transmission.joints:
         if name in own_drive:
             text = f"joint '{name}' has a drive, but actuators move the joint: give stiffness, damping and max_effort "
             yield "joints", text + "to the actuators"
 
 
-def _actuator(actuator: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _actuator_faults(actuator: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
     if actuator.name in joints:
         yield "name", f"a joint has this name; choose another, for instance '{actuator.name}_motor'"
     if actuator.kind not in ("angle", "length"):
@@ -213,7 +213,7 @@ def _actuator(actuator: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, 
         yield "damping", "damping needs stiffness: both are gains of one drive"
 
 
-def _matrix(transmission: Transmission) -> Iterator[tuple[str, str]]:
+def _matrix_faults(transmission: Transmission) -> Iterator[tuple[str, str]]:
     n = len(transmission.joints)
     if not n or len(transmission.actuators) != n:
         yield (
@@ -230,9 +230,9 @@ def _matrix(transmission: Transmission) -> Iterator[tuple[str, str]]:
         yield "matrix", "the matrix has entries that are not finite"
         return
     number = condition(transmission.matrix)
-    if not number <= CONDITION:  # also true for NaN
+    if not number <= LARGEST_CONDITION:  # also true for NaN
         yield (
             "matrix",
-            f"the matrix cannot be inverted (condition number {number:.3g}, limit {CONDITION:.0e}): some motion of the "
-            "motors moves no joint, or a joint is moved by no motor; check the rows of the matrix",
+            f"the matrix cannot be inverted (condition number {number:.3g}, limit {LARGEST_CONDITION:.0e}): some "
+            "motion of the motors moves no joint, or a joint is moved by no motor; check the rows of the matrix",
         )

@@ -17,22 +17,22 @@ from twin.model.body import Mesh
 from twin.model.deformable import Deformable
 from twin.schema import Identifier, Row, Sourced, Vector
 
-SEGMENTS = 60
+MAX_SEGMENTS = 60
 """Maximum number of segments of a vessel; more segments increase the computing time of a step."""
 
-_FAR = 1e6
+_LARGEST_COORDINATE = 1e6
 """Largest coordinate of a vessel in mm."""
 
-_SIDES = 8
+_PRISM_SIDES = 8
 """Number of sides of a drawn segment."""
 
-_SHORTEST = 1e-9
+_SHORTEST_SEGMENT = 1e-9
 """Length in m by which a segment without a length is divided."""
 
-_PARALLEL = 1e-3
+_PARALLEL_SINE = 1e-3
 """Sine of the angle between a segment and the direction of a clip below which they count as parallel."""
 
-_FLATTENED = 0.95
+_FLATTENED_SHARE = 0.95
 """Share of a radius that a closed clip takes away; a prism without a thickness has no volume to draw."""
 
 
@@ -99,16 +99,16 @@ class Vessel:
             across: (3,) direction in which a clip flattens the vessel.
         """
         along = np.diff(points, axis=0)
-        z = along / np.maximum(np.linalg.norm(along, axis=1), _SHORTEST)[:, None]
+        z = along / np.maximum(np.linalg.norm(along, axis=1), _SHORTEST_SEGMENT)[:, None]
         across_unit = across - z * (z @ across)[:, None]
-        parallel = np.linalg.norm(across_unit, axis=1) < _PARALLEL
+        parallel = np.linalg.norm(across_unit, axis=1) < _PARALLEL_SINE
         other_axis = np.eye(3)[np.argmin(np.abs(z), axis=1)]
         # the axis that is farthest from the segment stands in for a direction parallel to the segment
         other_across = other_axis - z * np.einsum("ij,ij->i", z, other_axis)[:, None]
         across_unit = np.where(parallel[:, None], other_across, across_unit)
         across_unit /= np.linalg.norm(across_unit, axis=1)[:, None]
         second_across = np.cross(z, across_unit)
-        thickness = 1.0 - _FLATTENED * flat
+        thickness = 1.0 - _FLATTENED_SHARE * flat
         nodes = np.zeros((self.segments, 2, 3, 3))
         for side in (0, 1):
             p = points[side : side + self.segments]
@@ -125,18 +125,18 @@ class Vessel:
     def deformable(self) -> Deformable:
         """The vessel as a `Deformable` fixed to the World, one closed prism per segment. The signal: `<name>.nodes`."""
         segment_count = self.segments
-        angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        angles = 2 * np.pi * np.arange(_PRISM_SIDES) / _PRISM_SIDES
         c = np.cos(angles)
         s = np.sin(angles)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
         ring = np.vstack([ring, [1.0, 0.0, 0.0]])  # the centre itself, for the closed end
-        vertices_per_end = _SIDES + 1
+        vertices_per_end = _PRISM_SIDES + 1
         weights = np.zeros((2 * segment_count * vertices_per_end, 6 * segment_count))
         for end in range(2 * segment_count):
             weights[end * vertices_per_end : (end + 1) * vertices_per_end, 3 * end : 3 * end + 3] = ring
-        i = np.arange(_SIDES)
-        j = (i + 1) % _SIDES
-        first_centre = np.full(_SIDES, _SIDES)
+        i = np.arange(_PRISM_SIDES)
+        j = (i + 1) % _PRISM_SIDES
+        first_centre = np.full(_PRISM_SIDES, _PRISM_SIDES)
         last_centre = vertices_per_end + first_centre
         sides = [
             np.column_stack([i, j, vertices_per_end + j]),
@@ -157,41 +157,44 @@ class Vessel:
         return Deformable(self.name, mesh, weights=weights)
 
 
-def vessel(name: str, t: VesselTable, rgba: tuple[float, float, float, float]) -> Vessel:
+def vessel(name: str, table: VesselTable, rgba: tuple[float, float, float, float]) -> Vessel:
     """Return the `Vessel` that a table describes, in SI units.
 
     Raises:
         TwinError: the vessel would have too many segments, or two successive points of its line are equal, or a
             coordinate is too large.
     """
-    coordinates = np.array(t.line_mm)
+    coordinates = np.array(table.line_mm)
     farthest = coordinates.flat[np.argmax(np.abs(coordinates))]
-    if abs(farthest) > _FAR:
-        raise TwinError(f"vessel '{name}': a point of line_mm is at {farthest:g} mm; the limit is ±{_FAR:g} mm")
+    if abs(farthest) > _LARGEST_COORDINATE:
+        raise TwinError(
+            f"vessel '{name}': a point of line_mm is at {farthest:g} mm; the limit is ±{_LARGEST_COORDINATE:g} mm"
+        )
     line = coordinates * MM
     lengths = np.linalg.norm(np.diff(line, axis=0), axis=1)
     if not lengths.min() > 0:
         raise TwinError(f"vessel '{name}': two points of line_mm are equal; remove one")
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
-    count = max(4, round(float(arc[-1]) / (t.segment_mm * MM)))
-    if count > SEGMENTS:
+    count = max(4, round(float(arc[-1]) / (table.segment_mm * MM)))
+    if count > MAX_SEGMENTS:
         raise TwinError(
-            f"vessel '{name}' has {count} segments; the limit is {SEGMENTS}: increase segment_mm ({t.segment_mm:g} mm)"
+            f"vessel '{name}' has {count} segments; the limit is {MAX_SEGMENTS}: increase segment_mm "
+            f"({table.segment_mm:g} mm)"
         )
     even = np.linspace(0, arc[-1], count + 1)
     points = np.zeros((count + 1, 3))
     for axis in range(3):
         points[:, axis] = np.interp(even, arc, line[:, axis])
-    return Vessel(name, points, t.organ or "", t.radius_mm * MM, t.young_kpa * 1e3, rgba)
+    return Vessel(name, points, table.organ or "", table.radius_mm * MM, table.young_kpa * 1e3, rgba)
 
 
-def listed(name: str, t: VesselTable) -> Iterator[Parameter]:
+def listed(name: str, table: VesselTable) -> Iterator[Parameter]:
     """Yield the numbers of a vessel as parameters with provenance."""
     rows: list[Row] = [
-        ("radius", t.radius_mm, "mm"),
-        ("segment", t.segment_mm, "mm"),
-        ("Young's modulus", t.young_kpa, "kPa"),
+        ("radius", table.radius_mm, "mm"),
+        ("segment", table.segment_mm, "mm"),
+        ("Young's modulus", table.young_kpa, "kPa"),
     ]
-    for k, point in enumerate(t.line_mm, 1):
+    for k, point in enumerate(table.line_mm, 1):
         rows.append((str(k), point, "mm"))
-    return t.parameters(f"vessel {name}", rows)
+    return table.parameters(f"vessel {name}", rows)

@@ -82,15 +82,15 @@ class StatedRows(Protocol):
         """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints)."""
         ...
 
-    def refuses(self, Ts_base_tool: Array) -> Array:
+    def reach_margins(self, Ts_base_tool: Array) -> Array:
         """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative if out of reach."""
         ...
 
-    def fails(self, states: SolvedSamples) -> Array:
+    def largest_inverse_rate(self, states: SolvedSamples) -> Array:
         """Return (k,) the largest joint rate per unit rate of the pose, from the formula; infinite if singular."""
         ...
 
-    def homogeneous(self, states: SolvedSamples, length_factor: float) -> bool:
+    def is_homogeneous(self, states: SolvedSamples, length_factor: float) -> bool:
         """Return whether scaling all length parameters by `length_factor` leaves the angles unchanged."""
         ...
 
@@ -230,7 +230,7 @@ class ZeroCheck:
         deviation = np.abs(larger - values * factor)
         k = int(np.argmax(deviation))
         has_right_dimension = deviation[k] <= _EQUAL_VALUES * np.abs(values).max()
-        if has_right_dimension or not self.stated.homogeneous(self._start_samples, _LENGTH_FACTOR):
+        if has_right_dimension or not self.stated.is_homogeneous(self._start_samples, _LENGTH_FACTOR):
             return None
         before = f"{values[k] / unit_size:.4g} {unit}".rstrip()  # a measure has no unit
         after = f"{larger[k] / unit_size:.4g} {unit}".rstrip()
@@ -247,7 +247,7 @@ class ZeroCheck:
         if not len(poses):
             text = f"the value is {value / MM:.4g} mm at all states, so the row does not measure reach"
             return self._result(i, "disagrees", text, size=value / MM, unit="mm")
-        accepted = self.stated.refuses(poses)[:, i] >= 0
+        accepted = self.stated.reach_margins(poses)[:, i] >= 0
         if accepted.any():
             text = f"the row accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
             return self._result(i, "disagrees", text, size=float(accepted.sum()))
@@ -400,8 +400,8 @@ class ZeroCheck:
 
     def _inverse_is_singular(self, states: Array) -> bool:
         """Return whether the formula's own inverse is singular at all given states."""
-        usual = float(np.median(self.stated.fails(self._start_samples)))
-        rates = self.stated.fails(self.model.collect(states))
+        usual = float(np.median(self.stated.largest_inverse_rate(self._start_samples)))
+        rates = self.stated.largest_inverse_rate(self.model.collect(states))
         return bool((rates > _SINGULAR_RATE * usual).all())
 
     def _without_result(self, i: int, walks: list[Walks]) -> JudgedRow:

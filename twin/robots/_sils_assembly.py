@@ -13,10 +13,10 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 
-_GRID = 2048
+_SCANNED_ANGLES = 2048
 """Number of scanned angles alpha_1; two assemblies whose alpha_1 differ by less than 0.2 deg may both be missed."""
 
-_HALVINGS = 50
+_BISECTIONS = 50
 """Number of halvings of an interval: a step of the grid, 3e-3 rad, is then below the rounding of an angle."""
 
 _SIGMA = np.array([1.0, -1.0, 1.0])
@@ -63,7 +63,7 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
         S3 = ball(2, meet(2, S1, s3))
         return np.linalg.norm(S2 - S3, axis=1) - p["l_p"]
 
-    grid = np.linspace(-np.pi, np.pi, _GRID + 1)
+    grid = np.linspace(-np.pi, np.pi, _SCANNED_ANGLES + 1)
     # At the edges of the range with solutions, the two sign branches meet. A root may be between the last grid angle
     # and such an edge, so the edges are added to the grid.
     grid = np.unique(np.concatenate([grid, _edges(grid, lambda x: np.isfinite(gap(x, 1, 1)))]))
@@ -88,7 +88,7 @@ def _edges(grid: Array, inside) -> Array:
     before = np.flatnonzero(flags[:-1] != flags[1:])
     inner = np.where(flags[before], grid[before], grid[before + 1])
     outer = np.where(flags[before], grid[before + 1], grid[before])
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (inner + outer) / 2
         is_inside = inside(middle)
         inner = np.where(is_inside, middle, inner)
@@ -99,7 +99,7 @@ def _edges(grid: Array, inside) -> Array:
 def _bisect(f, low: Array, high: Array) -> Array:
     """Return a root of `f` in each interval from `low` (n,) to `high` (n,), at whose ends its signs differ."""
     f_low = f(low)
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         f_middle = f(middle)
         is_below = f_low * f_middle <= 0  # the root is in the lower half

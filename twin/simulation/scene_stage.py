@@ -19,7 +19,7 @@ from twin.core.units import DEG
 from twin.model.console import CameraTable
 from twin.model.deformable import Bend
 from twin.model.mechanism import Mechanism
-from twin.model.movable import together
+from twin.model.movable import objects_as_mechanism
 from twin.model.scene import Scene
 from twin.reference import ReferenceModel
 from twin.usd import gf
@@ -101,7 +101,7 @@ def write_scene(
 
 def _objects(stage: Usd.Stage, scene: Scene, folder: Path) -> Path:
     """Write the shapes of the movable objects, and make them rigid bodies of the scene; return the shapes' layer."""
-    mechanism = together(scene.objects, OBJECTS)
+    mechanism = objects_as_mechanism(scene.objects, OBJECTS)
     shapes = write_geometry(mechanism, folder / f"{OBJECTS}.usdc", mechanism.rest)
     UsdGeom.Xform.Define(stage, f"/{scene.name}/{OBJECTS}")
     for item in scene.objects:

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.cad.build import CadModel
 from twin.cad.description import Description
-from twin.cad.lengths import measure
+from twin.cad.lengths import measured_lengths
 from twin.core.errors import TwinError, unknown
 from twin.core.findings import Finding, disagreement
 from twin.core.quantity import um
@@ -45,7 +45,7 @@ def check_lengths(
     rows: list[Residual] = []
     findings: list[Finding] = []
     clock_as_drawn = clock.at(np.zeros(1, np.intp))  # a length is the same at all times
-    for length in measure(cad):
+    for length in measured_lengths(cad):
         first, second = length.between
         value_in_equations = kin.parameters[length.parameter]
         where = f"{length.parameter} on {length.body}"

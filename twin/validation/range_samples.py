@@ -250,7 +250,7 @@ class SampledRange:
         """Return (k,) bool: whether the loops close at joint values q (k, n), within the limits of passive joints."""
         possible = np.asarray(np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)), bool)
         if self.passive is not None:
-            possible[possible] = self.passive.within(q[possible], closed.states[possible])
+            possible[possible] = self.passive.keeps_limits(q[possible], closed.states[possible])
         return possible
 
     def _outside_reach(self, q: Array, Ts: Array) -> tuple[np.ndarray, dict[str, np.ndarray]]:

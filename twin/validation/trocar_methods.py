@@ -159,10 +159,10 @@ def random_problems(kin: Kinematics, solver: PointSolver, limits: Array, number:
 
 
 def search_by_points(solver: PointSolver, problems: Problems, outside: bool = False) -> OneStartResult:
-    """Run the search for points once for each problem; `outside`: start with the wrist outside the trocar."""
+    """Run the search for points once for each problem; `starts_outside`: start with the wrist outside the trocar."""
     begin = solver.places(problems.starts)
     if outside:
-        begin = solver.outside(begin, problems.tips, problems.trocars)
+        begin = solver.starts_outside(begin, problems.tips, problems.trocars)
     search = solver.descend(begin, problems.tips, problems.trocars)
     outcome = np.full(len(begin), SearchOutcome.NOT_CONVERGED, int)
     # converged, but with the arm beyond the tip, unless it is solved as well

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.cad.meeting import locked_error
+from twin.cad.meeting import locked_gap_sizes
 from twin.core.findings import Finding, Severity, finding
 from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
@@ -120,7 +120,7 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
         poses = "the body poses of the file (all coordinates zero)"
     for joint in mechanism.joints:
         T = joint.relative(mechanism.rest[joint.parent], mechanism.rest[joint.child])
-        offset, tilt = locked_error(T, joint.type)
+        offset, tilt = locked_gap_sizes(T, joint.type)
         if offset > MEETING_TOLERANCE[0] or tilt > MEETING_TOLERANCE[1]:
             text = (
                 f"joint '{joint.name}' is open by {mm(offset)} and {deg(tilt)} at {poses}; home is the nearest state "

@@ -15,7 +15,7 @@ import numpy as np
 from twin.cad.description import CadTolerance, Feature, FrameSpec
 from twin.cad.face_feature import feature_of
 from twin.cad.features import find, frame
-from twin.cad.meeting import locked_error
+from twin.cad.meeting import locked_gap_sizes
 from twin.cad.step import Face, Part
 from twin.core import spatial
 from twin.core.errors import CadError
@@ -224,7 +224,7 @@ def _proposal(
         return Proposal(
             name, joint_type, parent, child, Side(numbers, {}), Side(dict(numbers), {}), pair, 0.0, 0.0, evidence
         )
-    offset, tilt = locked_error(spatial.inverse(T_parent) @ T_child, joint_type)
+    offset, tilt = locked_gap_sizes(spatial.inverse(T_parent) @ T_child, joint_type)
     return Proposal(name, joint_type, parent, child, on_parent.side(), on_child.side(), pair, offset, tilt, evidence)
 
 

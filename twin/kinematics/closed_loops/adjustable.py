@@ -21,7 +21,7 @@ from twin.model.mechanism import Mechanism
 DISTANCES = "distances"
 """Name of the argument with the distances in m."""
 
-_ROUNDED = 1e-15
+_ZERO_COMPONENT = 1e-15
 """Component of a unit vector below which it is rounded to zero, so that fewer terms remain."""
 
 
@@ -72,7 +72,7 @@ def _frame_shifts(mechanism: Mechanism, distances: Sequence[Distance], values: c
             side = "parent"
             T_body_joint = joint.T_parent_joint
         direction = T_body_joint[:3, :3].T @ line_of(mechanism, distance)
-        direction = np.where(np.abs(direction) < _ROUNDED, 0.0, direction)
+        direction = np.where(np.abs(direction) < _ZERO_COMPONENT, 0.0, direction)
         shift = ca.SX(direction) * (values[index] - distance.distance)
         change = ca.vertcat(shift, ca.SX.zeros(3))
         before = shifts.get((joint.name, side))

@@ -46,12 +46,12 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
         index[joint.name] = i
     bounds: list[Bound] = []
     for joint in mechanism.active:
-        bounds += _of_range(joint.name, ("lower", "upper"), eye[index[joint.name]], joint.limits)
+        bounds += _range_bounds(joint.name, ("lower", "upper"), eye[index[joint.name]], joint.limits)
 
     # The motor of a directly driven joint has the joint's name; the limits of this joint are bounds already.
     for name, weights in zip(mechanism.motor_names, mechanism.motors(eye).T, strict=True):
         if name not in index:
-            bounds += _of_range(name, ("motor", "motor"), weights, mechanism.actuator(name).limits)
+            bounds += _range_bounds(name, ("motor", "motor"), weights, mechanism.actuator(name).limits)
 
     for lower, upper, least in gaps:
         weights = eye[index[upper]] - eye[index[lower]]
@@ -59,7 +59,9 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
     return tuple(bounds)
 
 
-def _of_range(name: str, kinds: tuple[str, str], weights: Array, limits: tuple[float, float] | None) -> Iterator[Bound]:
+def _range_bounds(
+    name: str, kinds: tuple[str, str], weights: Array, limits: tuple[float, float] | None
+) -> Iterator[Bound]:
     """Yield the bounds of a range of weights @ q; an end that is infinite is none."""
     low, high = limits or _UNLIMITED
     if np.isfinite(low):

@@ -19,7 +19,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.bounds import Bound
-from twin.kinematics.closed_loops.equations import LENGTH_SCALE, STATES, STEPS
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE, STATE_SIZES, STEP_SIZES
 from twin.kinematics.closed_loops.linearizer import LinearizedState, Linearizer
 from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.kinematics.closed_loops.solver import LoopSolver
@@ -61,17 +61,17 @@ _MAX_CORRECTIONS = 4
 _MIN_SLACK_CHANGE = 1e-9
 """Change of the slack of a passive joint per m of the active joints, below which they do not move this joint."""
 
-NEAR = 1e-7
+REACHED_DISTANCE = 1e-7
 """Distance (m; rad times `LENGTH_SCALE`) from a limit at which the limit counts as reached."""
 
-_TURNS = {
+_ANGLE_STEPS = {
     "revolute": [True],
     "prismatic": [False],
     "cylindrical": [False, True],
     "spherical": [True] * 3,
     "free": [False] * 3 + [True] * 3,
 }
-"""Whether each number in a step of a passive joint is an angle, by type; see `STEPS`."""
+"""Whether each number in a step of a passive joint is an angle, by type; see `STEP_SIZES`."""
 
 Stop = Bound | PassiveLimit
 """What blocks a motion."""
@@ -128,28 +128,28 @@ class Dragger:
         for i, bound in enumerate(self.bounds):
             gradients[i] = bound.weights * self.scale
         size = np.abs(gradients).max(axis=1, initial=0.0, keepdims=True)
-        self._G = gradients / np.where(size > 0, size, 1.0)
-        self._size = size[:, 0]
+        self._bound_gradients = gradients / np.where(size > 0, size, 1.0)
+        self._gradient_sizes = size[:, 0]
 
         self._kinds: list[str] = []
         turns: list[bool] = []
         for passive in self.solver.equations.passive:
             kind = passive.joint.type
             self._kinds.append(kind)
-            turns += _TURNS[kind]
-        self._turns = np.array(turns, bool)
+            turns += _ANGLE_STEPS[kind]
+        self._is_angle_step = np.array(turns, bool)
 
         self.linearize = Linearizer(self.solver)
         rest = np.concatenate([*self.solver.home, []])
         self.solver.close(self.solver.q, rest)  # compiles the kernel here and not in the first motion
 
         names = self.solver.equations.row_names
-        self._loops: list[str] = []
+        self._loop_names: list[str] = []
         for block in self.solver.blocks:
             members: dict[str, None] = {}  # in their order, each once
             for row in block.rows:
                 members[names[row]] = None
-            self._loops.append(" ".join(members))
+            self._loop_names.append(" ".join(members))
 
     # -- by the joints --------------------------------------------------------------------------------
 
@@ -222,23 +222,23 @@ class Dragger:
 
         The largest entry of a gradient is 1. Distances are in m (rad times `LENGTH_SCALE`), at least 0.
         """
-        slopes = state.slopes * self.scale
+        slopes = state.slack_rates * self.scale
         size = np.abs(slopes).max(axis=1, initial=0.0)
         moving = size > _MIN_SLACK_CHANGE
         divisor = np.where(moving, size, 1.0)
         slopes = np.where(moving[:, None], slopes / divisor[:, None], 0.0)
         passive_slack = np.maximum(0.0, state.slacks) / divisor
         passive_slack = np.where(moving, passive_slack, np.inf)
-        active_slack = np.maximum(0.0, self._slacks(state.q)) / self._size
-        return np.vstack([self._G, slopes]), np.concatenate([active_slack, passive_slack])
+        active_slack = np.maximum(0.0, self._bound_slacks(state.q)) / self._gradient_sizes
+        return np.vstack([self._bound_gradients, slopes]), np.concatenate([active_slack, passive_slack])
 
-    def _slacks(self, q: Array) -> Array:
+    def _bound_slacks(self, q: Array) -> Array:
         """Return the distances (b,) of q (n,) from the bounds, in m or rad."""
         return np.array([bound.slack(q) for bound in self.bounds])
 
     def passed_limits(self, before: LinearizedState, after: LinearizedState) -> tuple[PassiveLimit, ...]:
         """Return the limits of passive joints that a step passes; beyond a limit, a joint may only move back."""
-        beyond = after.slacks < _floor(before)
+        beyond = after.slacks < _smallest_allowed_slacks(before)
         limits = []
         for i in np.flatnonzero(beyond):
             limits.append(self.linearize.limits[i])
@@ -251,23 +251,23 @@ class Dragger:
 
         Steps follow the tangent of such a limit, and leave it by an amount of second order.
         """
-        floor = _floor(before)
+        floor = _smallest_allowed_slacks(before)
         state = after
         for _ in range(_MAX_CORRECTIONS):
             beyond = state.slacks < floor
             if not beyond.any():
                 return state
-            slopes = state.slopes[beyond] * self.scale
+            slopes = state.slack_rates[beyond] * self.scale
             missing = np.maximum(0.0, floor + ROUNDING - state.slacks)[beyond]
 
             # The way back must not pass the bounds that are reached: along them, the joints stay.
-            slack = self._slacks(state.q)
-            reached = slack / self._size < NEAR
-            gradients = np.vstack([slopes, self._G[reached]])
+            slack = self._bound_slacks(state.q)
+            reached = slack / self._gradient_sizes < REACHED_DISTANCE
+            gradients = np.vstack([slopes, self._bound_gradients[reached]])
             slack_changes = np.append(missing, np.zeros(int(reached.sum())))
             motion = np.asarray(np.linalg.pinv(gradients) @ slack_changes, float)
             dq = self.scale * motion
-            slack_after = self._slacks(state.q + dq)
+            slack_after = self._bound_slacks(state.q + dq)
             if (slack_after < np.minimum(0.0, slack) - _MAX_ROUNDING).any():
                 return None
             back, _ = self.stepped(state, dq, point)
@@ -286,8 +286,8 @@ class Dragger:
         The cause is "loop NAME" or "tool" if this matrix becomes singular; "" if the step is too long or the loops do
         not close. Without `tool`, the matrix of the tool may become singular.
         """
-        du = state.answers @ dq
-        lengths = np.where(self._turns, LENGTH_SCALE, 1.0) * du
+        du = state.unknown_rates @ dq
+        lengths = np.where(self._is_angle_step, LENGTH_SCALE, 1.0) * du
         if np.abs(lengths).max(initial=0.0) > _PASSIVE_STRIDES * STRIDE:
             return None, ""
         q = state.q + dq
@@ -315,7 +315,7 @@ class Dragger:
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
         determinants: dict[str, tuple[float, float]] = {}
-        for name, matrix_before, matrix_after in zip(self._loops, before.loops, after.loops, strict=True):
+        for name, matrix_before, matrix_after in zip(self._loop_names, before.loops, after.loops, strict=True):
             determinants[f"loop {name}"] = _determinants(matrix_before, matrix_after)
         n = len(after.q)
         if tool and n <= 6:  # a redundant arm can move while its tool is at rest
@@ -349,9 +349,9 @@ class Dragger:
         start_step = 0  # of its step in the step of all
         for kind in self._kinds:
             has_quat = kind in ("spherical", "free")
-            end = start + STATES[kind]
-            end_step = start_step + STEPS[kind]
-            count = STATES[kind] - 4 if has_quat else STATES[kind]  # of the numbers before a quaternion
+            end = start + STATE_SIZES[kind]
+            end_step = start_step + STEP_SIZES[kind]
+            count = STATE_SIZES[kind] - 4 if has_quat else STATE_SIZES[kind]  # of the numbers before a quaternion
             after[start : start + count] += step[start_step : start_step + count]
             if has_quat:
                 half_turn = step[start_step + count : end_step] / 2
@@ -362,7 +362,7 @@ class Dragger:
         return after
 
 
-def _floor(state: LinearizedState) -> Array:
+def _smallest_allowed_slacks(state: LinearizedState) -> Array:
     """Return the smallest slacks (c,) of passive joints that a step from this state may reach."""
     return np.where(state.slacks < -ROUNDING, state.slacks, -ROUNDING)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,18 +22,22 @@ from twin.model.mechanism import Coupling, Mechanism
 LENGTH_SCALE = 0.1
 """Length in m by which radians are multiplied in residuals."""
 
-STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
-STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
-"""Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
+STATE_SIZES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 4, "free": 7}
+"""Count of numbers in the state of a passive joint, by type; lengths before angles, or before a quaternion."""
 
-_TURN_X = 3
-_TURN_Z = 5
-"""Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
+STEP_SIZES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
+"""Count of numbers in a step of a passive joint, by type; lengths before angles."""
 
-_BALLS = ("spherical", "free")
+_ROTATION_X = 3
+"""Number of the rotation about x among the six `free_axes` of a joint, which are shifts first."""
+
+_ROTATION_Z = 5
+"""Number of the rotation about z among the six `free_axes` of a joint."""
+
+_QUATERNION_TYPES = ("spherical", "free")
 """Types whose state ends in a unit quaternion."""
 
-_ROUNDED = 4e-16
+_ROUNDING = 4e-16
 """Difference from 0, 1 or -1 below which an entry of a measured rotation is rounded to this number."""
 
 
@@ -58,7 +61,7 @@ class Passive:
 
     def stepped(self, step: ca.SX) -> ca.SX:
         """Return the state of the joint after a step (m or rad; a small rotation for a quaternion)."""
-        if self.joint.type not in _BALLS:
+        if self.joint.type not in _QUATERNION_TYPES:
             return self.state + step
         lengths = self.state[:-4]
         quat_wxyz = self.state[-4:]
@@ -86,22 +89,22 @@ def _unknown_joints(mechanism: Mechanism) -> list[Passive]:
     for joint in mechanism.tree:
         if joint.active or joint.type == "fixed":
             continue
-        state = ca.SX.sym(joint.name, STATES[joint.type])
-        step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
+        state = ca.SX.sym(joint.name, STATE_SIZES[joint.type])
+        step = ca.SX.sym(f"d_{joint.name}", STEP_SIZES[joint.type])
         joints.append(Passive(joint, state, step))
     return joints
 
 
-Chain = list[Any]
-"""A chain from a body to a frame: fixed poses (4, 4), moving joints, and frame errors."""
-
-
 @dataclass(frozen=True)
-class _Error:
+class _FrameError:
     """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error applies."""
 
     shift_and_turn: ca.SX
     back: bool
+
+
+Chain = list[Array | Joint | _FrameError]
+"""A chain from a body to a frame: fixed poses (4, 4), moving joints, and frame errors."""
 
 
 class LoopEquations:
@@ -139,14 +142,14 @@ class LoopEquations:
                     self.errors[joint.name, side] = ca.SX.sym(f"e_{joint.name}_{side}", 6)
         self.q = ca.SX.sym("q", len(mechanism.active))
         # {active joint: its index in q}
-        self._active: dict[str, int] = {}
+        self._active_index: dict[str, int] = {}
         for i, joint in enumerate(mechanism.active):
-            self._active[joint.name] = i
+            self._active_index[joint.name] = i
 
         self.passive = _unknown_joints(mechanism)
-        self._passive: dict[str, Passive] = {}
+        self._passive_by_name: dict[str, Passive] = {}
         for passive in self.passive:
-            self._passive[passive.name] = passive
+            self._passive_by_name[passive.name] = passive
         self.states = _stack(passive.state for passive in self.passive)
         self.steps = _stack(passive.step for passive in self.passive)
 
@@ -166,8 +169,8 @@ class LoopEquations:
             stepping_rows += [length, LENGTH_SCALE * angle]
 
         for coupling in mechanism.couplings:
-            total = self._coupled(coupling, stepping=False)
-            stepping_total = self._coupled(coupling, stepping=True)
+            total = self._coupling_residual(coupling, stepping=False)
+            stepping_total = self._coupling_residual(coupling, stepping=True)
             names.append(coupling.name)
             if mechanism.joint(coupling.joints[0]).is_angle:
                 rows.append(LENGTH_SCALE * total)
@@ -207,7 +210,7 @@ class LoopEquations:
         With `stepping`, these are the frames after a step of the unknowns, to first order in the step.
         """
         sides: list[list[ca.SX]] = []
-        chain_parent, chain_child, _ = self._sides(joint)
+        chain_parent, chain_child, _ = self._chains_to_joint(joint)
         for chain in (chain_parent, chain_child):
             axes = self._axes(chain, stepping)
             origin = self._origin(chain, stepping)
@@ -234,10 +237,11 @@ class LoopEquations:
         for joint in self.mechanism.tree:
             T_base_parent = poses[joint.parent]
             chain = self._chain([joint])
-            fixed = all(isinstance(part, np.ndarray) for part in chain)
-            if fixed and isinstance(T_base_parent, np.ndarray):
-                poses[joint.child] = T_base_parent @ chain[0]
-                continue
+            if len(chain) == 1 and isinstance(T_base_parent, np.ndarray):
+                (only_part,) = chain
+                if isinstance(only_part, np.ndarray):  # a fixed joint: `_chain` merges consecutive fixed poses
+                    poses[joint.child] = T_base_parent @ only_part
+                    continue
             axes = self._axes(chain)
             T = ca.horzcat(*axes, self._origin(chain))
             if isinstance(T_base_parent, np.ndarray):
@@ -254,21 +258,21 @@ class LoopEquations:
     def rest(self) -> tuple[Array, list[Array]]:
         """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
         rest_poses = self.mechanism.rest
-        q = np.zeros(len(self._active))
+        q = np.zeros(len(self._active_index))
         states: list[Array] = []
         for joint in self.mechanism.tree:
             T_base_parent = rest_poses.get(joint.parent, np.eye(4))
             T_base_child = rest_poses.get(joint.child, np.eye(4))
             T = joint.relative(T_base_parent, T_base_child)
             angle = joint.angle(T)
-            if joint.name in self._active:
-                i = self._active[joint.name]
+            if joint.name in self._active_index:
+                i = self._active_index[joint.name]
                 if joint.is_angle:
                     q[i] = angle
                 else:
                     q[i] = T[2, 3]
-            elif joint.name in self._passive:
-                states.append(_state(joint.type, T, angle))
+            elif joint.name in self._passive_by_name:
+                states.append(_joint_state(joint.type, T, angle))
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -277,7 +281,7 @@ class LoopEquations:
         The misalignment contains sines about axes, which are angles in rad as far as these are small. Only the locked
         directions of the joint are counted.
         """
-        chain_parent, chain_child, common = self._sides(joint)
+        chain_parent, chain_child, common = self._chains_to_joint(joint)
         gap = self._origin(chain_child, stepping) - self._origin(chain_parent, stepping)
         locked = sorted(set(range(6)) - set(joint.free_axes))
         frame = self._axes(chain_parent, stepping)
@@ -292,28 +296,28 @@ class LoopEquations:
         else:
             lengths = []
             for i in locked:
-                if i < _TURN_X:  # a direction of translation
+                if i < _ROTATION_X:  # a direction of translation
                     lengths.append(ca.dot(frame[i], gap))
             length = ca.vertcat(*lengths)
 
-        if _TURN_X in joint.free_axes:  # a ball joint: no direction of rotation is locked
+        if _ROTATION_X in joint.free_axes:  # a ball joint: no direction of rotation is locked
             return length, ca.SX(0, 1), ca.SX(1)
         frame_child = self._axes(chain_child, stepping)
-        if _TURN_Z in joint.free_axes:  # rotation about z is free: only the z axes must agree
+        if _ROTATION_Z in joint.free_axes:  # rotation about z is free: only the z axes must agree
             sine_x = ca.dot(frame[0], frame_child[2])
             sine_y = ca.dot(frame[1], frame_child[2])
             return length, ca.vertcat(sine_x, sine_y), ca.dot(frame[2], frame_child[2])
         R = ca.horzcat(*frame).T @ ca.horzcat(*frame_child)
         return length, ca.inv_skew((R - R.T) / 2), (ca.trace(R) - 1) / 2
 
-    def _coupled(self, coupling: Coupling, stepping: bool) -> ca.SX:
+    def _coupling_residual(self, coupling: Coupling, stepping: bool) -> ca.SX:
         """Return the residual of a coupling in m or rad: the weighted sum of its joints, less its constant total."""
         residual = ca.SX(-coupling.total)
         for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
             residual = residual + ratio * self._coordinate(name, stepping)
         return residual
 
-    def _sides(self, joint: Joint) -> tuple[Chain, Chain, str]:
+    def _chains_to_joint(self, joint: Joint) -> tuple[Chain, Chain, str]:
         """Return (chain to the joint frame on the parent, to that on the child, body at which the chains start)."""
         path_parent = list(self.mechanism.path(joint.parent))
         path_child = list(self.mechanism.path(joint.child))
@@ -333,9 +337,9 @@ class LoopEquations:
 
     def _coordinate(self, name: str, stepping: bool) -> ca.SX:
         """Return the state of a joint, that of an active one being its coordinate in m or rad."""
-        if name in self._active:
-            return self.q[self._active[name]]
-        passive = self._passive[name]
+        if name in self._active_index:
+            return self.q[self._active_index[name]]
+        passive = self._passive_by_name[name]
         if stepping:
             return passive.state + passive.step
         return passive.state
@@ -348,7 +352,7 @@ class LoopEquations:
         symbols = self.errors.get((joint.name, side))
         errors: Chain = []
         if symbols is not None:
-            errors.append(_Error(symbols, back))
+            errors.append(_FrameError(symbols, back))
         if back:
             return [*errors, spatial.inverse(T)]
         return [T, *errors]
@@ -363,8 +367,9 @@ class LoopEquations:
             parts += self._frame(joint, "child", back=True)
         merged: Chain = []
         for part in parts:
-            if isinstance(part, np.ndarray) and merged and isinstance(merged[-1], np.ndarray):
-                merged[-1] = merged[-1] @ part
+            last_part = merged[-1] if merged else None
+            if isinstance(part, np.ndarray) and isinstance(last_part, np.ndarray):
+                merged[-1] = last_part @ part
             else:
                 merged.append(part)
         return merged
@@ -373,14 +378,14 @@ class LoopEquations:
         """Return the axes x, y, z (3,) of the frame at the end of a chain, in the frame at its start."""
         axes = []
         for axis in np.eye(3):
-            axes.append(self._carried(chain, ca.SX(axis), False, stepping))
+            axes.append(self._transformed(chain, ca.SX(axis), False, stepping))
         return axes
 
     def _origin(self, chain: Chain, stepping: bool = False) -> ca.SX:
         """Return the origin (3,) of the frame at the end of a chain, in the frame at its start, in m."""
-        return self._carried(chain, ca.SX.zeros(3), True, stepping)
+        return self._transformed(chain, ca.SX.zeros(3), True, stepping)
 
-    def _carried(self, chain: Chain, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _transformed(self, chain: Chain, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Transform a point or a direction (3,) from the frame at the end of a chain to the frame at its start."""
         fixed: Array | None = None  # product of the fixed poses since the last moving part
         for part in reversed(chain):
@@ -390,21 +395,21 @@ class LoopEquations:
                 fixed = part
                 continue
             if fixed is not None:
-                vector = _placed(_rounded(fixed), vector, point)
+                vector = _moved_by_pose(_rounded(fixed), vector, point)
                 fixed = None
-            if isinstance(part, _Error):
+            if isinstance(part, _FrameError):
                 vector = _moved_by_error(part, vector, point)
                 continue
-            vector = self._motion(part, vector, point, stepping)
+            vector = self._moved_by_joint(part, vector, point, stepping)
         if fixed is not None:
-            vector = _placed(_rounded(fixed), vector, point)
+            vector = _moved_by_pose(_rounded(fixed), vector, point)
         return vector
 
-    def _motion(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _moved_by_joint(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Transform a point or a direction (3,) from the moving frame of a joint to its fixed frame."""
         kind = joint.type
-        if kind in _BALLS and joint.name not in self._active:
-            return self._ball_motion(joint, vector, point, stepping)
+        if kind in _QUATERNION_TYPES and joint.name not in self._active_index:
+            return self._moved_by_ball(joint, vector, point, stepping)
         x = self._coordinate(joint.name, stepping)
         if kind in ("revolute", "cylindrical"):
             c = ca.cos(x[-1])
@@ -414,12 +419,12 @@ class LoopEquations:
             vector = vector + ca.vertcat(0, 0, x[0])
         return vector
 
-    def _ball_motion(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _moved_by_ball(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Do the same for a passive joint whose orientation is a quaternion."""
-        passive = self._passive[joint.name]
+        passive = self._passive_by_name[joint.name]
         if stepping:  # to first order, because only the derivative is used
             vector = vector + ca.cross(passive.step[-3:], vector)
-        vector = turned(passive.state[-4:], vector)
+        vector = rotated_by_quaternion(passive.state[-4:], vector)
         if not point or joint.type != "free":
             return vector
         shift = passive.state[:-4]
@@ -428,7 +433,7 @@ class LoopEquations:
         return vector + shift
 
 
-def turned(quat: ca.SX, vector: ca.SX) -> ca.SX:
+def rotated_by_quaternion(quat: ca.SX, vector: ca.SX) -> ca.SX:
     """Return v (3,) rotated by a unit quaternion (4,), w first: from a ball joint's moving axes to its fixed ones."""
     w, x, y, z = ca.vertsplit(quat)
     R = ca.vertcat(
@@ -439,7 +444,7 @@ def turned(quat: ca.SX, vector: ca.SX) -> ca.SX:
     return R @ vector
 
 
-def _placed(T: Array, vector: ca.SX, point: bool) -> ca.SX:
+def _moved_by_pose(T: Array, vector: ca.SX, point: bool) -> ca.SX:
     """Return the point or direction v (3,) transformed by a fixed pose."""
     turned = ca.SX(T[:3, :3]) @ vector
     if not point:
@@ -447,7 +452,7 @@ def _placed(T: Array, vector: ca.SX, point: bool) -> ca.SX:
     return turned + ca.SX(T[:3, 3])
 
 
-def _moved_by_error(error: _Error, vector: ca.SX, point: bool) -> ca.SX:
+def _moved_by_error(error: _FrameError, vector: ca.SX, point: bool) -> ca.SX:
     """Return the point or direction v (3,) moved by the error of a frame, or by the inverse error."""
     shift = error.shift_and_turn[:3]
     turn = error.shift_and_turn[3:]
@@ -466,7 +471,7 @@ def _rounded(T: Array) -> Array:
     T = np.array(T, float)
     R = T[:3, :3]
     for value in (0.0, 1.0, -1.0):
-        R[np.abs(R - value) < _ROUNDED] = value
+        R[np.abs(R - value) < _ROUNDING] = value
     return T
 
 
@@ -478,7 +483,7 @@ def _stack(parts: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(*parts)
 
 
-def _state(kind: str, T: Array, angle: Array | float) -> Array:
+def _joint_state(kind: str, T: Array, angle: Array | float) -> Array:
     """Return the state of a passive joint of this type from the pose of its child frame in its parent frame."""
     if kind == "revolute":
         return np.array([angle])

@@ -7,16 +7,16 @@ import numpy as np
 
 from twin.core.spatial import Array
 
-_FLOOR = 1e-13
+_RELATIVE_DAMPING = 1e-13
 """Damping relative to the diagonal: it makes the step of undetermined unknowns minimal and changes no other unknown."""
 
-_PIVOT = 0.2
+_SMALLEST_PIVOT_RATIO = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
 
-_UNDETERMINED = 1e-30
+_EMPTY_DIAGONAL = 1e-30
 """Diagonal element of an unknown without equations: its step is then zero, and not infinite."""
 
-_SMALLEST = 1e-300
+_SMALLEST_ENTRY = 1e-300
 """Entry that stands for 0 in a quotient."""
 
 
@@ -28,7 +28,7 @@ def largest(x: ca.SX) -> ca.SX:
     return size
 
 
-def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
+def solve_square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.SX, ca.SX]:
     """Return the solution x (n,) of J x = b by elimination, and the determinant of J up to a constant sign.
 
     `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
@@ -80,9 +80,9 @@ def _pivot(entries: dict, values: Array, rows: list[int], columns: list[int]) ->
     best_cost = (np.inf, np.inf)
     best_pivot = (rows[0], columns[0])
     for i in rows:
-        largest_entry = max(np.abs(values[i, columns]).max(), _SMALLEST)
+        largest_entry = max(np.abs(values[i, columns]).max(), _SMALLEST_ENTRY)
         for j in columns:
-            large = abs(values[i, j]) >= _PIVOT * largest_entry
+            large = abs(values[i, j]) >= _SMALLEST_PIVOT_RATIO * largest_entry
             if (i, j) not in entries or not large:
                 continue
             in_row = 0
@@ -101,14 +101,14 @@ def _pivot(entries: dict, values: Array, rows: list[int], columns: list[int]) ->
     return best_pivot
 
 
-def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
+def solve_least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     """Return the shortest x (n,) that minimises |J x - b|, from the normal equations.
 
     `pattern` (m, n) marks the entries of J (m, n) that can differ from 0; b has m entries.
     """
     J = ca.SX(J)
     linked = (pattern.T.astype(int) @ pattern.astype(int)) > 0
-    order = _least_filling(linked)
+    order = _elimination_order(linked)
     normal_matrix = _normal_matrix(J, pattern, linked, order)
     right_side: list[ca.SX] = []
     for i in order:
@@ -159,11 +159,11 @@ def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: lis
             for r in np.flatnonzero(pattern[:, i] & pattern[:, k]):
                 entry = entry + J[int(r), i] * J[int(r), k]
             entries[row, column] = entry
-        entries[row, row] = entries.get((row, row), ca.SX(0)) * (1 + _FLOOR) + _UNDETERMINED
+        entries[row, row] = entries.get((row, row), ca.SX(0)) * (1 + _RELATIVE_DAMPING) + _EMPTY_DIAGONAL
     return entries
 
 
-def _least_filling(linked: np.ndarray) -> list[int]:
+def _elimination_order(linked: np.ndarray) -> list[int]:
     """Return an order of elimination in which the next unknown is always the one with the fewest neighbours."""
     linked = linked.copy()
     remaining = list(range(len(linked)))

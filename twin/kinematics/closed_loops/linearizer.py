@@ -14,7 +14,7 @@ from twin.kinematics.closed_loops.equations import LENGTH_SCALE
 from twin.kinematics.closed_loops.passive_limits import passive_limits, slacks
 from twin.kinematics.closed_loops.solver import LoopSolver
 
-_FLAT = 1e-9
+_RANK_RATIO = 1e-9
 """Singular values below this fraction of the largest one count as zero."""
 
 
@@ -26,23 +26,23 @@ class LinearizedState:
         q, u: active joints (n,); loop unknowns (m,) in the order of `ClosedStates.states`.
         p: position (3,) of the point in base, in m.
         J: (3, n) velocity of the point per rate of each active joint.
-        answers: (steps, n) rates of the loop unknowns per rate of each active joint. A row is one coordinate of a step
-            of the unknowns, see `LoopEquations`.
+        unknown_rates: (steps, n) rates of the loop unknowns per rate of each active joint. A row is one coordinate of a
+            step of the unknowns, see `LoopEquations`.
         loops: Jacobian of each loop with respect to its unknowns; with full rank, the loop determines these unknowns.
         tool: (6, n) tool twist per rate of each active joint, rotations times `LENGTH_SCALE`.
         slacks: (c,) slacks of the limits of passive joints, see `passive_limits`.
-        slopes: (c, n) change of each slack per change of each active joint.
+        slack_rates: (c, n) change of each slack per change of each active joint.
     """
 
     q: Array
     u: Array
     p: Array
     J: Array
-    answers: Array
+    unknown_rates: Array
     loops: tuple[Array, ...]
     tool: Array
     slacks: Array
-    slopes: Array
+    slack_rates: Array
 
 
 class Linearizer:
@@ -58,15 +58,15 @@ class Linearizer:
         self._equations = equations
         rows: list[int] = []
         columns: list[int] = []
-        self._parts: list[tuple[slice, slice]] = []
+        self._block_slices: list[tuple[slice, slice]] = []
         for block in solver.blocks:
             block_rows = slice(len(rows), len(rows) + len(block.rows))
             block_columns = slice(len(columns), len(columns) + len(block.columns))
-            self._parts.append((block_rows, block_columns))
+            self._block_slices.append((block_rows, block_columns))
             rows += block.rows
             columns += block.columns
         self._columns = np.array(columns, int)
-        self._square = all(block.square for block in solver.blocks)
+        self._square = all(block.is_square for block in solver.blocks)
         self._active_count = equations.q.numel()
         self._step_count = equations.steps.numel()
         self._loop_rows = len(rows)
@@ -105,18 +105,18 @@ class Linearizer:
         loops_of_unknowns = loops[:, active_count + self._columns]
         answers = np.zeros((self._step_count, active_count))
         if loop_rows:
-            answers[self._columns] = -_solved(loops_of_unknowns, loops[:, :active_count], self._square)
+            answers[self._columns] = -_smallest_solution(loops_of_unknowns, loops[:, :active_count], self._square)
         limits = values[6 + loop_rows :]
         return LinearizedState(
             q=q,
             u=u,
             p=point[:, 0],
-            J=_of_active(point[:, 1:], answers),
-            answers=answers,
-            loops=tuple(loops_of_unknowns[part] for part in self._parts),
-            tool=_of_active(values[:6, 1:], answers),
+            J=_per_active_rate(point[:, 1:], answers),
+            unknown_rates=answers,
+            loops=tuple(loops_of_unknowns[part] for part in self._block_slices),
+            tool=_per_active_rate(values[:6, 1:], answers),
             slacks=limits[:, 0],
-            slopes=_of_active(limits[:, 1:], answers),
+            slack_rates=_per_active_rate(limits[:, 1:], answers),
         )
 
     def _point(self, body: str) -> Callable[..., Array]:
@@ -141,17 +141,17 @@ class Linearizer:
         return Kernel([stage], inputs, ["seen"], single=True).single()
 
 
-def _solved(matrix: Array, right_side: Array, square: bool) -> Array:
+def _smallest_solution(matrix: Array, right_side: Array, square: bool) -> Array:
     """Return X with A X = B; for a singular A or one that is not square, the smallest X in the least-squares sense."""
     if square:
         try:
             return np.asarray(np.linalg.solve(matrix, right_side), float)
         except np.linalg.LinAlgError:  # exactly singular: the smallest solution, as for other matrices
             pass
-    return np.asarray(np.linalg.pinv(matrix, rcond=_FLAT) @ right_side, float)
+    return np.asarray(np.linalg.pinv(matrix, rcond=_RANK_RATIO) @ right_side, float)
 
 
-def _of_active(J: Array, answers: Array) -> Array:
+def _per_active_rate(J: Array, answers: Array) -> Array:
     """Return a Jacobian per rate of q (r, n) from that per rates of q and of the unknowns (r, n + steps)."""
     n = answers.shape[1]
     return J[:, :n] + J[:, n:] @ answers

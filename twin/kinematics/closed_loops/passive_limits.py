@@ -25,14 +25,14 @@ from twin.model.mechanism import Mechanism
 
 Kind = Literal["range", "lower", "upper", "cone"]
 
-_SAME = 5e-3
+_SAME_POSE_DISTANCE = 5e-3
 """Difference of two tool poses, in m (rad times `LENGTH_SCALE`), below which they are the same.
 
 Equations and mechanism may differ by errors of the CAD; another assembly mode differs by more, except near a
 singularity, where the modes have nearly the same joint values.
 """
 
-_NARROW = 1e-6
+_NARROWEST_CONE = 1e-6
 """Half angle in rad of the narrowest cone whose slack is an angle at the limit: a cone of 0 has a finite slack, too."""
 
 
@@ -91,7 +91,7 @@ def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.
     p1, x1, _, z1 = child_frame
     if limit.kind == "cone":
         cone = float(joint.cone or 0.0)
-        slope = np.sin(max(cone, _NARROW))  # of the cosine, at the limit
+        slope = np.sin(max(cone, _NARROWEST_CONE))  # of the cosine, at the limit
         return (ca.dot(z0, z1) - np.cos(cone)) / slope
     low, high = joint.limits or (-np.inf, np.inf)
     if joint.type == "prismatic":
@@ -143,13 +143,13 @@ class PassiveCheck:
         (slacks,) = self._slacks(np.ascontiguousarray(q.T), np.ascontiguousarray(states.T))
         return slacks.T
 
-    def kept(self, q: Array, Ts: Array) -> np.ndarray:
+    def keeps_limits_at_poses(self, q: Array, Ts: Array) -> np.ndarray:
         """Return (k,) bool: whether the mechanism assumes tool poses Ts (k, 4, 4) at q (k, n) within all limits.
 
         A pose that the loops do not reach in the assembly mode of the rest poses is not kept.
         """
-        states, placed = self.placed(q, Ts)
-        placed[placed] = self.within(q[placed], states[placed])
+        states, placed = self.unknowns_at_poses(q, Ts)
+        placed[placed] = self.keeps_limits(q[placed], states[placed])
         return placed
 
     def margins(self, q: Array, Ts: Array) -> dict[str, tuple[Array, bool]]:
@@ -157,7 +157,7 @@ class PassiveCheck:
 
         Distances are negative beyond the limits, and NaN where the mechanism does not assume the pose.
         """
-        states, placed = self.placed(q, Ts)
+        states, placed = self.unknowns_at_poses(q, Ts)
         links = self._solver.link_poses(q[placed], states[placed])
         joints = {limit.joint.name: limit.joint for limit in self.limits}
         margins: dict[str, tuple[Array, bool]] = {}
@@ -168,11 +168,11 @@ class PassiveCheck:
             margins[name] = (margin, is_angle)
         return margins
 
-    def within(self, q: Array, states: Array) -> np.ndarray:
+    def keeps_limits(self, q: Array, states: Array) -> np.ndarray:
         """Return (k,) bool: whether active joints q (k, n) and loop unknowns `states` (k, m) keep all limits."""
         return np.all(self.slacks(q, states) >= -ROUNDING, axis=1)
 
-    def placed(self, q: Array, Ts: Array) -> tuple[Array, np.ndarray]:
+    def unknowns_at_poses(self, q: Array, Ts: Array) -> tuple[Array, np.ndarray]:
         """Return (loop unknowns (k, m), (k,) bool: whether the tool is at Ts (k, 4, 4)) at active joints q (k, n).
 
         Joint values can belong to several tool poses. Where the loops close at another pose than the given one, they
@@ -181,7 +181,7 @@ class PassiveCheck:
         """
         solved = self._solver.forward_many(q)
         states = solved.states
-        placed = _same(solved.Ts_base_tool, Ts)
+        placed = _are_same_poses(solved.Ts_base_tool, Ts)
         self._place_from_neighbours(q, Ts, states, placed)
         open_poses = np.flatnonzero(~placed)
         if not len(open_poses) or not states.shape[1]:
@@ -189,7 +189,7 @@ class PassiveCheck:
 
         seeds = self._solver.seeds_at(q[open_poses], Ts[open_poses])
         solved_again = self._solver.forward_many(q[open_poses], seeds)
-        is_placed = _same(solved_again.Ts_base_tool, Ts[open_poses])
+        is_placed = _are_same_poses(solved_again.Ts_base_tool, Ts[open_poses])
         closed = open_poses[is_placed]
         states[closed] = solved_again.states[is_placed]
         placed[closed] = True
@@ -200,9 +200,9 @@ class PassiveCheck:
     def _place_from_neighbours(self, q: Array, Ts: Array, states: Array, placed: np.ndarray) -> None:
         """Close the loops at poses that are not placed, from the nearest placed pose, as long as this places a pose.
 
-        The loop unknowns `states` (k, m) and `placed` (k,) are changed; for the arguments see `placed`.
+        The loop unknowns `states` (k, m) and `placed` (k,) are changed; for the arguments see `unknowns_at_poses`.
         """
-        places = _places(Ts)
+        places = _pose_points(Ts)
         tried_seeds = np.full(len(q), -1)
         while placed.any() and not placed.all():
             placed_poses = np.flatnonzero(placed)
@@ -217,19 +217,19 @@ class PassiveCheck:
                 break
             tried_seeds[open_poses] = seeds
             solved_again = self._solver.forward_many(q[open_poses], states[seeds])
-            is_placed = _same(solved_again.Ts_base_tool, Ts[open_poses])
+            is_placed = _are_same_poses(solved_again.Ts_base_tool, Ts[open_poses])
             closed = open_poses[is_placed]
             states[closed] = solved_again.states[is_placed]
             placed[closed] = True
 
 
-def _places(Ts: Array) -> Array:
+def _pose_points(Ts: Array) -> Array:
     """Return poses (k, 4, 4) as points (k, 12), whose distances are in m; rotations are scaled by `LENGTH_SCALE`."""
     positions = Ts[:, :3, 3]
     rotations = Ts[:, :3, :3].reshape(-1, 9)
     return np.concatenate([positions, LENGTH_SCALE * rotations], axis=1)
 
 
-def _same(Ts: Array, others: Array) -> np.ndarray:
-    """Return (k,) bool: whether two poses (k, 4, 4) are equal within `_SAME`; NaN equals nothing."""
-    return np.linalg.norm(_places(Ts) - _places(others), axis=1) < _SAME
+def _are_same_poses(Ts: Array, others: Array) -> np.ndarray:
+    """Return (k,) bool: whether two poses (k, 4, 4) are equal within `_SAME_POSE_DISTANCE`; NaN equals nothing."""
+    return np.linalg.norm(_pose_points(Ts) - _pose_points(others), axis=1) < _SAME_POSE_DISTANCE

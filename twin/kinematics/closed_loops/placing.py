@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.solver import LoopSolver
 
-_JUMP = 0.5
+_MAX_CHANGE = 0.5
 """Largest change (m, rad) of an unknown in one call; after a larger change, the state is solved from the rest poses."""
 
 
@@ -27,18 +27,18 @@ class LinkPoses:
             AssemblyError: the loops cannot be closed at q.
             MechanismError: q has the wrong length or is not finite.
         """
-        self._states = self._solved(np.asarray(q, float))
+        self._states = self._solved_states(np.asarray(q, float))
         Ts = np.zeros((len(self._names), 4, 4))
         Ts[:, :3] = self._loops.links_at(q, self._states).reshape(-1, 3, 4)
         Ts[:, 3, 3] = 1.0
         return dict(zip(self._names, Ts, strict=True))
 
-    def _solved(self, q: Array) -> Array:
+    def _solved_states(self, q: Array) -> Array:
         if self._states is not None:
             states = self._loops.close(q, self._states)
             if states is not None:
                 change = np.abs(states - self._states).max(initial=0.0)
-                if change < _JUMP:
+                if change < _MAX_CHANGE:
                     return states
         solved = self._loops.forward_many(q[None])
         if not np.isfinite(solved.Ts_base_tool).all():

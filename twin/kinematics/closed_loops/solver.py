@@ -27,43 +27,57 @@ from twin.kinematics.closed_loops.structure import EquationBlock, blocks
 from twin.model.mechanism import Mechanism
 
 GAP = 1e-9
-TILT = 1e-8
-"""Maximum gap in m and misalignment in rad of a closed loop; most remaining values are mere rounding errors."""
+"""Maximum gap in m of a closed loop; most remaining values are mere rounding errors."""
 
-_LAST = 1e-8
+TILT = 1e-8
+"""Maximum misalignment in rad of a closed loop."""
+
+_CONVERGED_STEP = 1e-8
 """Step size (m, rad) below which the iteration ends."""
 
-_STRIDE = 0.6
+_LARGEST_STEP = 0.6
 """Maximum change (m, rad) of an unknown in one step."""
 
-_STEPS = 30
+_MAX_NEWTON_STEPS = 30
 """Maximum number of Newton's steps for a block."""
 
-_LAST_OF_SEEDS = 1e-5
+_CONVERGED_SEED_STEP = 1e-5
 """Step size (m, rad) below which the iteration for seeds ends, see `LoopSolver.seeds_at`; they need not be exact."""
 
-_WALK = (8, 64)
+_PATH_STEP_COUNTS = (8, 64)
 """Numbers of steps from the rest poses to a state that Newton's method does not find directly, tried in this order."""
 
-_SINGULAR = 1e8
+_SINGULAR_CONDITION = 1e8
 """Condition number of a block in the rest poses above which the block is solved by least squares."""
 
-_WIDE_GAP = 1e-3
-_WIDE_TILT = 0.1
-"""Gap in m and misalignment in rad in the rest poses from which the loops do not close: the CAD is wrong there."""
+_LARGEST_REST_GAP = 1e-3
+"""Gap in m in the rest poses from which the loops do not close: the CAD is wrong there."""
 
-_OPEN_AS_DRAWN = 10
+_LARGEST_REST_TILT = 0.1
+"""Misalignment in rad in the rest poses from which the loops do not close."""
+
+_REST_GAP_FACTOR = 10
 """Factor of the gap in the rest poses up to which a loop counts as closed elsewhere."""
 
-_RESULTS = ("pose", "gaps", "states")
+_RESULT_NAMES = ("pose", "gaps", "states")
 """Names of the results of a kernel, see `LoopSolver.stages`."""
 
-_POSE = slice(0, 12)
-_OFFSET = 12
-_TILT = 13
-_MARGIN = 14
-_UNKNOWNS = slice(15, None)
-"""Places of the results of a kernel for a single state."""
+# Places of the results of a kernel for a single state: one after another, in the order of `_RESULT_NAMES`.
+
+_POSE_ENTRIES = slice(0, 12)
+"""First three rows of T_base_tool, row by row."""
+
+_OFFSET_ENTRY = 12
+"""Gap of the loops in m."""
+
+_TILT_ENTRY = 13
+"""Misalignment of the loops in rad."""
+
+_MARGIN_ENTRY = 14
+"""Margin, see `ClosedStates`."""
+
+_UNKNOWN_ENTRIES = slice(15, None)
+"""Loop unknowns (m,)."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +124,7 @@ class LoopSolver:
         self._newton: list[Stage] = []
         self.samples: list[Array] = []
         for number, block in enumerate(self.blocks):
-            self._newton.append(self._stage(number, block, start))
+            self._newton.append(self._block_stage(number, block, start))
 
         values = {"q": self.q}
         for passive, state in zip(self.equations.passive, start, strict=True):
@@ -128,21 +142,21 @@ class LoopSolver:
         gaps = function(self.q, np.concatenate([*self.home, []]))
         offset = float(gaps[0])
         tilt = float(gaps[1])
-        if not (offset < _WIDE_GAP and tilt < _WIDE_TILT):  # true also for NaN
+        if not (offset < _LARGEST_REST_GAP and tilt < _LARGEST_REST_TILT):  # true also for NaN
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
         # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
-        self.gap = max(GAP, _OPEN_AS_DRAWN * offset)
-        self.tilt = max(TILT, _OPEN_AS_DRAWN * tilt)
+        self.gap = max(GAP, _REST_GAP_FACTOR * offset)
+        self.tilt = max(TILT, _REST_GAP_FACTOR * tilt)
 
     def _solve_once(self, stage: Stage, values: dict[str, Array]) -> None:
         """Solve one block by Newton's method without a kernel; `values` holds its inputs and takes its results."""
-        for _ in range(_STEPS):
+        for _ in range(_MAX_NEWTON_STEPS):
             arguments = [values[name] for name in stage.takes]
             results = stage.function(*arguments)
             for name, result in zip(stage.gives, results, strict=True):
                 values[name] = result.full().ravel()
-            if not values["error"][0] > _LAST:
+            if not values["error"][0] > _CONVERGED_STEP:
                 return
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
@@ -155,15 +169,15 @@ class LoopSolver:
             AssemblyError: the loops cannot be closed at q.
             MechanismError: q has the wrong length or is not finite.
         """
-        single = self._single
+        single = self._kernel_of_one_state
         if np.shape(q) != (len(self.q),):
             raise MechanismError(f"q has shape {np.shape(q)}; expected ({len(self.q)},)")
         if seed is None:
-            seed = self._start
+            seed = self._rest_unknowns
         results = single(q, seed)
         if self._is_closed(results, 0.0):
             T = np.eye(4)
-            T[:3] = results[_POSE].reshape(3, 4)
+            T[:3] = results[_POSE_ENTRIES].reshape(3, 4)
             return T
         closed = self.forward_many(np.asarray(q, float)[None])
         if np.isfinite(closed.Ts_base_tool).all():
@@ -183,18 +197,20 @@ class LoopSolver:
         The solution may be in any assembly; usually, it is in the assembly of the seed. None: the method does not
         converge, or the margin of the solution (see `ClosedStates`) is not above `margin`.
         """
-        results = self._single(q, seed)
+        results = self._kernel_of_one_state(q, seed)
         if self._is_closed(results, margin):
-            return results[_UNKNOWNS]
+            return results[_UNKNOWN_ENTRIES]
         return None
 
     def _is_closed(self, results: Array, margin: float) -> bool:
         """Return whether the results of a single state close the loops, with a margin above `margin`."""
-        return bool(results[_OFFSET] <= self.gap and results[_TILT] <= self.tilt and results[_MARGIN] > margin)
+        return bool(
+            results[_OFFSET_ENTRY] <= self.gap and results[_TILT_ENTRY] <= self.tilt and results[_MARGIN_ENTRY] > margin
+        )
 
     def pose(self, q: Array, states: Array) -> Array:
         """Return T_base_tool (4, 4) at q (n,) and loop unknowns (m,) that close the loops."""
-        rows = self._single(q, states)[_POSE].reshape(3, 4)
+        rows = self._kernel_of_one_state(q, states)[_POSE_ENTRIES].reshape(3, 4)
         return np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> ClosedStates:
@@ -208,17 +224,17 @@ class LoopSolver:
             raise MechanismError(f"q has shape {qs.shape}; expected (k, {len(self.q)})")
         q_columns = np.ascontiguousarray(qs.T)
         if seeds is None:
-            poses, gaps, states = self._cold(q_columns, threads=threads)
+            poses, gaps, states = self._kernel_from_rest(q_columns, threads=threads)
         else:
-            seed_columns = np.ascontiguousarray(self._rows(seeds, len(qs)).T)
-            poses, gaps, states = self._warm(q_columns, seed_columns, threads=threads)
+            seed_columns = np.ascontiguousarray(self._checked_unknowns(seeds, len(qs)).T)
+            poses, gaps, states = self._kernel_from_seeds(q_columns, seed_columns, threads=threads)
 
         finite = np.isfinite(q_columns).all(axis=0)
-        for stations in _WALK:
+        for stations in _PATH_STEP_COUNTS:
             failed = np.flatnonzero(~self._are_closed(gaps) & finite)
             if not len(failed) or not self.blocks:
                 break
-            new_poses, new_gaps, new_states = self._walked(q_columns[:, failed], stations, threads)
+            new_poses, new_gaps, new_states = self._solved_along_path(q_columns[:, failed], stations, threads)
             better = self._are_closed(new_gaps)  # if a state cannot be closed, its first result remains
             repaired = failed[better]
             poses[:, repaired] = new_poses[:, better]
@@ -241,37 +257,37 @@ class LoopSolver:
         are seeds of `forward_many`, which checks its results.
         """
         rows = Ts[:, :3].reshape(-1, 12)
-        (states,) = self._held(np.ascontiguousarray(qs.T), np.ascontiguousarray(rows.T))
+        (states,) = self._kernel_with_held_tool(np.ascontiguousarray(qs.T), np.ascontiguousarray(rows.T))
         return np.ascontiguousarray(states.T)
 
-    def _rows(self, states: Array, count: int) -> Array:
+    def _checked_unknowns(self, states: Array, count: int) -> Array:
         """Return loop unknowns (k, m) as an array.
 
         Raises:
             MechanismError: there is not one row of m unknowns for each of `count` states.
         """
         rows = np.asarray(states, float)
-        expected = (count, len(self._start))
+        expected = (count, len(self._rest_unknowns))
         if rows.shape != expected:
             raise MechanismError(
                 f"the loop unknowns have shape {rows.shape}; expected {expected}, a row for each state"
             )
         return rows
 
-    def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
+    def _solved_along_path(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
         """Return poses, gaps and states at active joints Q (n, k), approached in equal steps from the rest poses."""
         q_rest = self.q[:, None]
-        states = np.repeat(self._start[:, None], Q.shape[1], axis=1)
+        states = np.repeat(self._rest_unknowns[:, None], Q.shape[1], axis=1)
         for fraction in np.arange(1, stations) / stations:
-            _, _, states = self._warm(q_rest + fraction * (Q - q_rest), states, threads=threads)
-        poses, gaps, states = self._warm(q_rest + (Q - q_rest), states, threads=threads)
+            _, _, states = self._kernel_from_seeds(q_rest + fraction * (Q - q_rest), states, threads=threads)
+        poses, gaps, states = self._kernel_from_seeds(q_rest + (Q - q_rest), states, threads=threads)
         return poses, gaps, states
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
         """Return {body: T_base_body (k, 4, 4)} at active joints qs (k, n) and loop unknowns `states` (k, m)."""
         Q = np.ascontiguousarray(np.asarray(qs, float).T)
-        unknowns = self._rows(states, Q.shape[1])
-        (rows,) = self._links(Q, np.ascontiguousarray(unknowns.T))
+        unknowns = self._checked_unknowns(states, Q.shape[1])
+        (rows,) = self._kernel_of_links(Q, np.ascontiguousarray(unknowns.T))
         rows = rows.T
         shape = (len(rows), len(self.mechanism.bodies))
         Ts = np.zeros((*shape, 4, 4))
@@ -288,12 +304,12 @@ class LoopSolver:
         return self._links_kernel(single=True).single()
 
     @cached_property
-    def _links(self) -> Kernel:
+    def _kernel_of_links(self) -> Kernel:
         return self._links_kernel()
 
     def _links_kernel(self, single: bool = False) -> Kernel:
         e = self.equations
-        inputs = {"q": len(self.q), "states": len(self._start)}
+        inputs = {"q": len(self.q), "states": len(self._rest_unknowns)}
         stage = links_stage(e, {"q": e.q, "states": e.states})
         return Kernel([stage], inputs, ["links"], single=single)
 
@@ -302,7 +318,7 @@ class LoopSolver:
         return (gaps[0] <= self.gap) & (gaps[1] <= self.tilt) & (gaps[2] > 0)
 
     @cached_property
-    def _start(self) -> Array:
+    def _rest_unknowns(self) -> Array:
         return np.concatenate([*self.home, []])
 
     @cached_property
@@ -316,11 +332,11 @@ class LoopSolver:
         return [*self._newton, end_stage(self.equations, self.signs, arguments)]
 
     @cached_property
-    def _cold(self) -> Kernel:
-        return Kernel([self._home_stage, *self.stages], {"q": len(self.q)}, _RESULTS)
+    def _kernel_from_rest(self) -> Kernel:
+        return Kernel([self._home_stage, *self.stages], {"q": len(self.q)}, _RESULT_NAMES)
 
     @cached_property
-    def _held(self) -> Kernel:
+    def _kernel_with_held_tool(self) -> Kernel:
         states = [passive.state for passive in self.equations.passive]
         stacked = ca.densify(self.equations.states)
         end = Stage(ca.Function("stacked", states, [stacked]), tuple(self._keys), ("states",))
@@ -333,16 +349,16 @@ class LoopSolver:
         return Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
 
     @cached_property
-    def _warm(self) -> Kernel:
-        return Kernel([self._split, *self.stages], self._seeded, _RESULTS)
+    def _kernel_from_seeds(self) -> Kernel:
+        return Kernel([self._split, *self.stages], self._input_sizes, _RESULT_NAMES)
 
     @cached_property
-    def _single(self):
-        return Kernel([self._split, *self.stages], self._seeded, _RESULTS, single=True).single()
+    def _kernel_of_one_state(self):
+        return Kernel([self._split, *self.stages], self._input_sizes, _RESULT_NAMES, single=True).single()
 
     @property
-    def _seeded(self) -> dict[str, int]:
-        return {"q": len(self.q), "seed": len(self._start)}
+    def _input_sizes(self) -> dict[str, int]:
+        return {"q": len(self.q), "seed": len(self._rest_unknowns)}
 
     @property
     def _keys(self) -> list[str]:
@@ -360,7 +376,7 @@ class LoopSolver:
     def _split(self) -> Stage:
         return Stage(self.equations.split(), ("seed",), tuple(self._keys))
 
-    def _stage(self, number: int, block: EquationBlock, start: list[Array]) -> Stage:
+    def _block_stage(self, number: int, block: EquationBlock, start: list[Array]) -> Stage:
         """Return the stage that solves a block by Newton's method."""
         e = self.equations
         J = masked_jacobian(e.jacobian, block)
@@ -388,10 +404,10 @@ def block_solution(jacobian: ca.SX, block: EquationBlock, sample: Array, right_s
     `sample` is J in one state. The steps of a block without a unique solution are those of least squares.
     """
     J = masked_jacobian(jacobian, block)
-    if block.square and np.linalg.cond(sample) < _SINGULAR:
-        step, _ = linear.square(J, right_side, block.pattern, sample)
+    if block.is_square and np.linalg.cond(sample) < _SINGULAR_CONDITION:
+        step, _ = linear.solve_square(J, right_side, block.pattern, sample)
         return step
-    return linear.least_squares(J, right_side, block.pattern)
+    return linear.solve_least_squares(J, right_side, block.pattern)
 
 
 def newton_stage(
@@ -409,18 +425,18 @@ def newton_stage(
     J = masked_jacobian(equations.jacobian, block)
     residual = equations.residual[list(block.rows)]
     determinant: dict[str, ca.SX] = {}
-    if block.square and np.linalg.cond(sample) < _SINGULAR:
-        step, determinant[f"det {number}"] = linear.square(J, -residual, block.pattern, sample)
+    if block.is_square and np.linalg.cond(sample) < _SINGULAR_CONDITION:
+        step, determinant[f"det {number}"] = linear.solve_square(J, -residual, block.pattern, sample)
     else:
-        step = linear.least_squares(J, -residual, block.pattern)
+        step = linear.solve_least_squares(J, -residual, block.pattern)
     size = linear.largest(step)
     unknowns = [equations.passive[k] for k in block.unknowns]
-    states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
+    states = stepped(unknowns, step * ca.fmin(1, _LARGEST_STEP / size))
 
     results = {**states, "error": size, **determinant}
     outputs = [ca.densify(result) for result in results.values()]
     function = ca.Function(f"block{number}", list(arguments.values()), outputs, {"cse": True})
-    return Stage(function, tuple(arguments), tuple(results), _STEPS, _LAST, reciprocals=True)
+    return Stage(function, tuple(arguments), tuple(results), _MAX_NEWTON_STEPS, _CONVERGED_STEP, reciprocals=True)
 
 
 def held_tool_stage(e: LoopEquations) -> Stage:
@@ -436,15 +452,15 @@ def held_tool_stage(e: LoopEquations) -> Stage:
     derivative = ca.jacobian(_pose_misfit(T_stepping, T_goal), e.steps)
     J = ca.vertcat(e.jacobian, ca.substitute(derivative, e.steps, 0))
     pattern = np.array(ca.DM(J.sparsity(), 1).full(), bool)
-    step = linear.least_squares(J, -residual, pattern)
+    step = linear.solve_least_squares(J, -residual, pattern)
     size = linear.largest(step)
-    states = stepped(e.passive, step * ca.fmin(1, _STRIDE / size))
+    states = stepped(e.passive, step * ca.fmin(1, _LARGEST_STEP / size))
 
     results = {**states, "error": size}
     outputs = [ca.densify(result) for result in results.values()]
     arguments = [e.q, rows, *(passive.state for passive in e.passive)]
     function = ca.Function("held", arguments, outputs, {"cse": True})
-    return Stage(function, ("q", "tool", *states), tuple(results), _STEPS, _LAST_OF_SEEDS)
+    return Stage(function, ("q", "tool", *states), tuple(results), _MAX_NEWTON_STEPS, _CONVERGED_SEED_STEP)
 
 
 def _pose_misfit(T: ca.SX, T_goal: ca.SX) -> ca.SX:
@@ -470,7 +486,7 @@ def end_stage(equations: LoopEquations, signs: Mapping[str, float], arguments: M
     gaps = ca.vertcat(equations.offset, equations.tilt, margin)
     outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(equations.states)]
     function = ca.Function("end", [*arguments.values(), *determinants], outputs, {"cse": True})
-    return Stage(function, (*arguments, *signs), _RESULTS)
+    return Stage(function, (*arguments, *signs), _RESULT_NAMES)
 
 
 def links_stage(e: LoopEquations, arguments: Mapping[str, ca.SX]) -> Stage:

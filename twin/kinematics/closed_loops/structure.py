@@ -8,15 +8,15 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.equations import STEPS, LoopEquations
+from twin.kinematics.closed_loops.equations import STEP_SIZES, LoopEquations
 
-_TRIES = 32
+_SAMPLE_COUNT = 32
 """Number of random states at which residuals and derivatives are evaluated: a zero in all of them is no accident."""
 
-_NOTHING = 1e-12
+_ZERO_RESIDUAL = 1e-12
 """Residual in m or rad that a redundant equation does not exceed in any state, even with open loops."""
 
-_FLAT = 1e-13
+_ZERO_DERIVATIVE = 1e-13
 """Size below which a derivative counts as zero."""
 
 
@@ -37,7 +37,7 @@ class EquationBlock:
     pattern: np.ndarray
 
     @property
-    def square(self) -> bool:
+    def is_square(self) -> bool:
         """Whether there are as many equations as unknowns."""
         return len(self.rows) == len(self.columns)
 
@@ -46,12 +46,12 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
     """Return the blocks in the order of solution; joints that no equation contains are in no block."""
     if not equations.passive or not equations.residual.numel():
         return []
-    values, slopes = _sampled(equations)
-    nonzero_rows = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
-    pattern = np.abs(slopes[:, nonzero_rows]).max(axis=0) > _FLAT
+    values, slopes = _samples(equations)
+    nonzero_rows = np.flatnonzero(np.abs(values).max(axis=0) > _ZERO_RESIDUAL)
+    pattern = np.abs(slopes[:, nonzero_rows]).max(axis=0) > _ZERO_DERIVATIVE
     owners = []
     for k, passive in enumerate(equations.passive):
-        owners.append(np.full(STEPS[passive.joint.type], k))
+        owners.append(np.full(STEP_SIZES[passive.joint.type], k))
     owner = np.concatenate(owners)  # of each step
     joint_pattern = pattern.copy()  # all unknowns of a joint are solved for in one block
     for k in range(len(equations.passive)):
@@ -59,7 +59,7 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
         joint_pattern[:, is_own] = pattern[:, is_own].any(axis=1)[:, None]
 
     ordered: list[EquationBlock] = []
-    for rows, columns in _sorted(joint_pattern):
+    for rows, columns in _diagonal_blocks(joint_pattern):
         if not columns:  # an equation of active joints alone determines no unknown
             continue
         unknowns = tuple(dict.fromkeys(owner[columns].tolist()))
@@ -71,14 +71,14 @@ def blocks(equations: LoopEquations) -> list[EquationBlock]:
     return ordered
 
 
-def _sampled(equations: LoopEquations) -> tuple[Array, Array]:
+def _samples(equations: LoopEquations) -> tuple[Array, Array]:
     """Return residuals (k, m) and derivatives (k, m, n) at k random states."""
     expressions = [equations.residual, ca.densify(equations.jacobian)]
     function = ca.Function("tried", [equations.q, equations.states], expressions)
     rng = np.random.default_rng(0)
     values: list[Array] = []
     slopes: list[Array] = []
-    for _ in range(_TRIES):
+    for _ in range(_SAMPLE_COUNT):
         states: list[Array] = []
         for passive in equations.passive:
             state = rng.normal(size=passive.state.numel())
@@ -92,7 +92,7 @@ def _sampled(equations: LoopEquations) -> tuple[Array, Array]:
     return np.array(values), np.array(slopes)
 
 
-def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
+def _diagonal_blocks(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
     """Return (rows, columns) of the diagonal blocks; each block depends only on the blocks before it."""
     diagonal: list[tuple[list[int], list[int]]] = []
     for rows, columns in _components(pattern):

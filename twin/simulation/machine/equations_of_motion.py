@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.formula import symbolic
-from twin.kinematics.closed_loops.equations import STEPS, turned
+from twin.kinematics.closed_loops.equations import STEP_SIZES, rotated_by_quaternion
 from twin.kinematics.closed_loops.solver import LoopSolver, block_solution
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -195,7 +195,7 @@ def _across(
         a = parent.a + _carried(wd, w, r) + z * joint_motion.xdd + coriolis
     else:
         if joint.type == "spherical":
-            R = R @ ca.horzcat(*[turned(joint_motion.x, ca.SX(axis)) for axis in np.eye(3)])
+            R = R @ ca.horzcat(*[rotated_by_quaternion(joint_motion.x, ca.SX(axis)) for axis in np.eye(3)])
             z = R
         else:
             R = R @ symbolic.rotation_z(joint_motion.x)
@@ -270,7 +270,7 @@ class LoopRates:
                 raise MechanismError(
                     f"the passive joint {passive.name} is {joint_type}: the equations of motion know {known}"
                 )
-            end = start + STEPS[joint_type]
+            end = start + STEP_SIZES[joint_type]
             self.passive.append((passive.name, passive.state, slice(start, end)))
             start = end
         self._count = start

@@ -17,7 +17,7 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.tool import DOES
+from twin.model.tool import TOOL_TEXTS
 from twin.model.trainer import MODEL
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
@@ -143,7 +143,7 @@ class ConsoleStream(LiveConsole):
                     "name": name,
                     "title": tool.title,
                     "kind": tool.kind,
-                    "does": DOES[tool.kind],
+                    "does": TOOL_TEXTS[tool.kind],
                     "jaw": tool.jaw_mm * MM,
                     "open": (tool.open_mm or 0.0) * MM,
                 }

@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.units import DEG, MM
-from twin.model.movable import together
+from twin.model.movable import objects_as_mechanism
 from twin.model.scene import Place, Scene
 from twin.model.task import goal_of
 from twin.model.trainer import MODEL
@@ -232,7 +232,9 @@ def _content_of_places(
         if machines is not None:
             scene_document["machines"] = machines
         if live.objects:
-            files |= server_files.glb_file(_OBJECTS_FILE, glb_bytes(together(live.objects, wire.OBJECTS_PREFIX)))
+            files |= server_files.glb_file(
+                _OBJECTS_FILE, glb_bytes(objects_as_mechanism(live.objects, wire.OBJECTS_PREFIX))
+            )
             scene_document["objects"] = {"file": _OBJECTS_FILE, "names": [item.name for item in live.objects]}
     props = loaded.props
     if props is not None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.cad import frames
 from twin.cad.build import CadModel
-from twin.cad.noise import Noise, redrawn
+from twin.cad.noise import Noise, with_noise
 from twin.core.spatial import Array
 from twin.reference import ReferenceModel
 from twin.reference.newton import minimise
@@ -61,7 +61,7 @@ def _residuals_with_errors(
     noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None, rng: np.random.Generator
 ) -> Residuals:
     """Return the residuals at the driven joint values of `judge`, for a mechanism with further errors."""
-    faces = redrawn(cad.measured, noise.position, noise.direction, rng)
+    faces = with_noise(cad.measured, noise.position, noise.direction, rng)
     model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
     assert judge.reference.run is not None
     X, _ = minimise(model.tree, judge.reference.run.x.copy(), model.loops_only, model.tree.passive)

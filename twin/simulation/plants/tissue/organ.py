@@ -103,7 +103,7 @@ class Organ:
             f'<body name="{t.name}:grid" pos="{_numbers(T[:3, 3])}" quat="{_numbers(quaternion)}">'
             f'<flexcomp name="{t.name}" type="direct" dim="2" dof="trilinear" cellcount="{_numbers(t.cells)}" '
             f'mass="{mass!r}" radius="{SURFACE_RADIUS!r}" '
-            f'point="{_numbers(t.local)}" element="{_numbers(self._triangles)}">'
+            f'point="{_numbers(t.vertices_in_grid)}" element="{_numbers(self._triangles)}">'
             f'<elasticity young="{t.young!r}" poisson="{t.poisson!r}" damping="{t.damping!r}"/>'
             f'<contact selfcollide="none" contype="{self.other_bit}" conaffinity="{affinity}" condim="3" '
             f'friction="{t.friction!r} 0 0" solref="{2 * period!r} 1" solimp="0.95 0.99 0.0005"/>'

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.identifiers import identifier
 from twin.exchange.read.imported_robot import Findings, unique_identifiers
-from twin.model.transmission import CONDITION, Actuator, Coordinate, Transmission, condition
+from twin.model.transmission import LARGEST_CONDITION, Actuator, Coordinate, Transmission, condition
 
 Name = Callable[[str, int], str]
 """Function (kind, number) that returns the name of an object of the model."""
@@ -77,7 +77,7 @@ def read_motors(model, robot_bodies: Sequence[int], joints: Sequence[str], name:
                 available += 1
         if available != len(group_joints) or len(tendons) != len(group_joints):
             continue
-        if condition(_rows(model, tendons, group_joints, actuator_of_tendon)) <= CONDITION:
+        if condition(_rows(model, tendons, group_joints, actuator_of_tendon)) <= LARGEST_CONDITION:
             groups.append((tendons, group_joints))
     return _make_motors(model, groups, actuator_of_tendon, joints, name, findings)
 
