@@ -55,6 +55,14 @@ def postures():
     return np.random.default_rng(1).uniform(LIMITS[:, 0], LIMITS[:, 1], (COUNT, 7))
 
 
+def test_random_starts_are_within_limits_on_one_side_only(solver):
+    limits = np.tile([-np.inf, np.inf], (7, 1))
+    limits[0] = [4.0, np.inf]
+    limits[1] = [-np.inf, -4.0]
+    starts = np.array(list(solver.starts(12, limits)))[len(solver.kin.formula.seeds) :]
+    assert np.all((starts >= limits[:, 0]) & (starts <= limits[:, 1]))
+
+
 def task(tip, trocar):
     return Tip(tip) + Trocar(trocar, axis=SHAFT)
 

@@ -19,7 +19,7 @@ from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.kinematics.compiled import Compiled
 from twin.kinematics.point_functions import PointFunctions
-from twin.kinematics.solve import Solution
+from twin.kinematics.solve import Solution, random_range
 from twin.kinematics.tasks import Task
 
 TOLERANCE = 1e-12
@@ -156,19 +156,14 @@ class PointSolver(PointFunctions):
 
     def starts(self, count: int, limits: Array | None = None, rng: int = 0) -> Iterator[Array]:
         """Yield joints q (n,) to start from: those of the formula's seeds, then random ones within the limits."""
-        reach = np.where(self.kin.revolute, np.pi, 1.0)
-        low = -reach
-        high = reach
-        if limits is not None:
-            low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], low)
-            high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], high)
+        lowest, highest = random_range(self.kin, limits)
         seeds = self.kin.formula.seeds[:count]
         for seed in seeds:
             T = self.kin.program.pose_of_coordinates.one(np.asarray(seed, float))
             yield self.kin.inverse(T)
         generator = np.random.default_rng(rng)
         for _ in range(len(seeds), count):
-            yield generator.uniform(low, high)
+            yield generator.uniform(lowest, highest)
 
     def inverse_many(self, Ts_base_tool: ArrayLike, starts: int = 48) -> Array:
         """Return q (k, n) at poses of the tool (k, 4, 4), with the redundant joint as in the equations; NaN: not found.

@@ -194,14 +194,23 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
 
 def _random_joints(kin: Compiled, generator: np.random.Generator, count: int, bounds: Array | None) -> Iterator[Array]:
     """Yield random q (n,) within bounds (n, 2); see `seeds` for joints without limits."""
+    lowest, highest = random_range(kin, bounds)
+    for _ in range(count):
+        yield generator.uniform(lowest, highest)
+
+
+def random_range(kin: Compiled, bounds: Array | None) -> tuple[Array, Array]:
+    """Return the lowest and the highest joint values (n,) of random starts; see `seeds` for joints without limits.
+
+    `bounds` (n, 2) are limits in m or rad, infinite where there are none; None: no joint has limits.
+    """
     if bounds is None:
         bounds = _bounds(kin, None)
     reach = np.where(kin.revolute, np.pi, 1.0)
     low, high = bounds.T
     lowest = np.where(np.isfinite(low), low, np.minimum(-reach, high - reach))
     highest = np.where(np.isfinite(high), high, np.maximum(reach, low + reach))
-    for _ in range(count):
-        yield generator.uniform(lowest, highest)
+    return lowest, highest
 
 
 def descend(
