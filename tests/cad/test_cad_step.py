@@ -106,6 +106,14 @@ def test_a_missing_unit_is_an_error(tmp_path):
     )
 
 
+def test_a_named_metric_unit_counts_before_the_si_unit_that_defines_it(tmp_path):
+    named = "( CONVERSION_BASED_UNIT('CENTIMETRE',#9998) LENGTH_UNIT() NAMED_UNIT(#8) )"
+    text = (DATA / "crank.step").read_text().replace(MM_UNIT, named)
+    path = tmp_path / "cm.step"
+    path.write_text(text.replace("ENDSEC;\nEND-ISO", f"#9999={MM_UNIT.replace('.MILLI.', '$')};\nENDSEC;\nEND-ISO"))
+    assert length_unit(path) == 0.01
+
+
 def test_an_unknown_unit_is_an_error(tmp_path):
     entity = "( CONVERSION_BASED_UNIT('CUBIT',#9) LENGTH_UNIT() NAMED_UNIT(#8) )"
     with pytest.raises(CadError, match=r"crank\.step: the length unit 'CUBIT' is not known; export in mm"):

@@ -62,7 +62,7 @@ _NAMED_UNITS = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE"
 """{name of a unit that a STEP file defines by a conversion from another: size of the unit in m}."""
 
 _IMPERIAL_UNITS = {0.0254, 0.3048}
-"""Units in m that a file defines by a conversion from an SI unit."""
+"""Named units in m, which count before a named metric unit: an inch may be defined by named millimetres."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,6 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
     if b"END-ISO-10303-21" not in data[-4096:]:
         raise CadError(f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again.")
     units = _stated_units(path, compact)
-    # A conversion-based unit is defined through an SI unit, which is therefore also in the file.
     units = units & _IMPERIAL_UNITS or units
     if not units:
         raise CadError(
@@ -170,7 +169,8 @@ def _stated_units(path: Path, compact: str) -> set[float]:
     Raises:
         CadError: a named unit is not known.
     """
-    units: set[float] = set()
+    named_units: set[float] = set()
+    si_units: set[float] = set()
     for entity in compact.split(";"):
         is_length_unit = "LENGTH_UNIT()" in entity and "=(" in entity and entity.endswith(")")
         if not is_length_unit:
@@ -180,14 +180,15 @@ def _stated_units(path: Path, compact: str) -> set[float]:
             unit = _NAMED_UNITS.get(named.group(1).upper())
             if unit is None:
                 raise CadError(f"{path}: the length unit '{named.group(1)}' is not known; export in mm")
-            units.add(unit)
+            named_units.add(unit)
             continue
         si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if si:
             prefix = si.group(1) or ""
             if prefix in _SI_PREFIXES:
-                units.add(_SI_PREFIXES[prefix])
-    return units
+                si_units.add(_SI_PREFIXES[prefix])
+    # A named unit is defined by a conversion from an SI unit, which is therefore also in the file.
+    return named_units or si_units
 
 
 def read_step(
