@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -114,6 +116,41 @@ def test_a_part_without_material_is_a_warning(tmp_path):
     path = copy(tmp_path, ('parts = ["*"]', 'parts = ["base_*", "arm_bar", "slider_*"]'))
     (finding,) = read_mechanism(path).findings
     assert (finding.code, finding.severity, finding.where) == ("cad.no_material", "warning", "arm_ball")
+
+
+def test_a_mesh_that_is_inside_out_is_a_warning_and_has_no_mass(tmp_path):
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.1
+    faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]  # clockwise seen from outside
+    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "wedge.stl")
+    (tmp_path / "wedge.toml").write_text(
+        """
+name = "wedge"
+title = "One mesh"
+source = "made for the tests"
+default_protocol = "none"
+base = "group"
+joint = []
+[tolerance]
+gross_mm = 1.0
+gross_deg = 1.0
+meeting_um = 1.0
+meeting_deg = 0.001
+[body.group]
+meshes = [{ file = "wedge.stl", unit = "m" }]
+[frame.tool]
+body = "group"
+at = { position_mm = [0, 0, 0] }
+[material.steel]
+density_kg_m3 = 8000.0
+parts = ["*"]
+provenance = "ASSUMED"
+note = "test"
+"""
+    )
+    cad = read_mechanism(tmp_path / "wedge.toml")
+    (finding,) = cad.findings
+    assert (finding.code, finding.severity, finding.where) == ("cad.inverted_mesh", "warning", "wedge")
+    assert cad.mechanism.bodies[0].inertia is None
 
 
 def test_the_last_material_that_matches_wins(tmp_path):

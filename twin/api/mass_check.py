@@ -82,7 +82,7 @@ class Masses(Result):
                 yield ""
 
 
-_REASONS_WITHOUT_MASS = ("cad.open_mesh", "cad.no_material")
+_REASONS_WITHOUT_MASS = ("cad.open_mesh", "cad.inverted_mesh", "cad.no_material")
 """Codes of findings on the CAD that say why a body has no mass."""
 
 

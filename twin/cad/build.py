@@ -334,6 +334,10 @@ def _part_inertia(
     inertia = mesh.inertia(vertices, triangles, description.material[material].density_kg_m3)
     if inertia is None:
         findings.append(mesh.open_mesh(part))
+        return None
+    if inertia.mass < 0:
+        findings.append(mesh.inverted_mesh(part))
+        return None
     return inertia
 
 

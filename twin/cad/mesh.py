@@ -130,6 +130,12 @@ def open_mesh(name: str) -> Finding:
     return warning("cad.open_mesh", name, text, suggestion="close the surface in the CAD, or export a solid")
 
 
+def inverted_mesh(name: str) -> Finding:
+    """Return a warning: the triangles of the closed mesh `name` face inwards, so its mass would be negative."""
+    text = f"'{name}' is inside out: its triangles are clockwise seen from outside, so its mass is not counted"
+    return warning("cad.inverted_mesh", name, text, suggestion="reverse the faces, and save the mesh again")
+
+
 def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
     """Merge coincident vertices and remove triangles without area, so that closed solids become closed meshes."""
     import trimesh
@@ -142,7 +148,10 @@ def weld(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def inertia(vertices: Array, triangles: np.ndarray, density: float) -> Inertia | None:
-    """Return mass, centre of mass and inertia of a welded mesh with uniform density in kg/m3; None if it is open."""
+    """Return mass, centre of mass and inertia of a welded mesh with uniform density in kg/m3; None if it is open.
+
+    The mass is negative if the triangles are clockwise seen from outside.
+    """
     import trimesh
 
     mesh = trimesh.Trimesh(vertices, triangles, process=False)
