@@ -113,7 +113,7 @@ def largest_slopes(solver, rng):
 def test_loops_fall_apart_into_the_smallest_blocks(solvers, name, rng):
     """The truth is SciPy's: each state gets a row of its own, then states that need each other are one component."""
     found = solvers[name].blocks
-    assert all(b.square for b in found)
+    assert all(b.is_square for b in found)
     used = np.zeros(0, int)
     if found:
         used = np.concatenate([b.rows for b in found])
