@@ -103,12 +103,7 @@ class Iteration:
         inputs = arguments[self.memory_size :]
         _, _, step_scale, _, low, high = ca.vertsplit(inputs, [0, *np.cumsum(input_sizes)])
         H = ca.reshape(H, unknown_count, unknown_count)
-        at_limit = ca.SX.zeros(unknown_count)
-        if by_joints:
-            # A joint at a limit stays there if the gradient points beyond the limit.
-            below = (x <= low) * (g > 0)
-            above = (x >= high) * (g < 0)
-            at_limit = below + above
+        at_limit = _held_at_limits(x, g, low, high) if by_joints else ca.SX.zeros(unknown_count)
         movable = 1 - at_limit
         damped = H * (movable @ movable.T) + ca.diag(mu * movable + at_limit)
         step = -_solve(damped, g * movable)
@@ -142,17 +137,7 @@ class Iteration:
             ca.vec(J.T @ J),
         ]
         is_tiny = ca.sumsqr(step) < _SMALLEST_SQUARED_STEP
-        rejected = [
-            x,
-            cost,
-            squared_residual,
-            mu * factor,
-            2 * factor,
-            stuck + is_tiny,
-            largest_size,
-            g,
-            ca.vec(H),
-        ]
+        rejected = [x, cost, squared_residual, mu * factor, 2 * factor, stuck + is_tiny, largest_size, g, ca.vec(H)]
         after = ca.if_else(is_better, ca.vertcat(*accepted), ca.vertcat(*rejected))
         self._evaluator = Evaluator("iteration", arguments, ca.cse(ca.vertcat(after, ca.sum1(movable))))
 
@@ -230,6 +215,13 @@ def iteration(program: Program, kinds: TermKinds) -> Iteration:
     if kinds not in of_program:
         of_program[kinds] = Iteration(program, kinds)
     return of_program[kinds]
+
+
+def _held_at_limits(q: ca.SX, gradient: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
+    """Return 1 for each joint at a limit beyond which a step along the negative gradient would move it, else 0."""
+    below = (q <= low) * (gradient > 0)
+    above = (q >= high) * (gradient < 0)
+    return below + above
 
 
 def _solve(A: ca.SX, b: ca.SX) -> ca.SX:
