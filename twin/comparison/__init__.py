@@ -50,7 +50,10 @@ Which number to edit:
     edit_case         what an edit must achieve
     solved_value      the value of a number with which both sides agree
     paths             paths as they are told
-    rereading         edits that are found by reading a changed text again
+    changed_text      a text with other values of some numbers, read again
+    edit_goal         what an edit that is found so must achieve
+    number_search     the value of one number that achieves it
+    rereading, attribute_edits        edits of numbers, of all numbers of one attribute
     dh_statements     the numbers of a DH table, and what each moves
     loop_edits, property_edits        edits of joints of loops, of properties
     xacro_lines       whether a line of a xacro states the number that an edit names

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison import rereading
+from twin.comparison.changed_text import value_text
 from twin.comparison.compared_items import ComparedItem, NumberEdit
 from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
+from twin.comparison.edit_goal import EditGoal
 from twin.comparison.file_numbers import FileNumber
 from twin.comparison.file_statements import statements
 from twin.comparison.fit_problem import FitProblem
@@ -22,11 +23,12 @@ from twin.comparison.frame_gaps import leaf_frame_gaps
 from twin.comparison.line_gaps import FitSolution
 from twin.comparison.matching import Matching
 from twin.comparison.paths import relative_path
-from twin.comparison.rereading import EditGoal
+from twin.comparison.rereading import edits_of_one_number
 from twin.comparison.side import RobotSide, plain_name
 from twin.comparison.solved_value import solved_values
 from twin.comparison.statements import NumberStatement, place_statements_of
 from twin.comparison.unknowns import Unknowns
+from twin.comparison.xacro_lines import with_obstacle
 from twin.core.spatial import Array
 
 _MAX_EDITS = 6
@@ -129,7 +131,7 @@ def _edits_by_rereading(
     for item in items:
         names |= _names_of_item(case, item)
     goal = EditGoal(case.residual, agrees, case.differing_frames, case.problem.tolerance)
-    return rereading.edits_of_one_number(case.side, names, "", goal, relative_path, is_tried)[:_MAX_EDITS]
+    return edits_of_one_number(case.side, names, "", goal, relative_path, is_tried)[:_MAX_EDITS]
 
 
 def _is_number_of(statement: NumberStatement | CellStatement, number: FileNumber, value: float) -> bool:
@@ -250,20 +252,16 @@ def _differing_frames(case: EditCase, statement: Statement, values: Array) -> in
     return case.differing_frames(side)
 
 
-def _number_text(value: float) -> str:
-    return f"{value:.12g}"
-
-
 def _number_edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
     """Return the edit of one number of a statement or, without a column, of all."""
     what = statement.what
-    old = " ".join(map(_number_text, statement.values))
-    new = " ".join(map(_number_text, values))
+    old = " ".join(map(value_text, statement.values))
+    new = " ".join(map(value_text, values))
     if column is not None and len(statement.values) == 1:
         column = None
     if column is not None:
         what = f"{statement.what}[{column}]"
-        old = _number_text(statement.values[column])
-        new = _number_text(values[column])
+        old = value_text(statement.values[column])
+        new = value_text(values[column])
     edit = NumberEdit(side.label, relative_path(statement.file), statement.line, what, old, new)
-    return rereading.with_obstacle(side, edit, statement.file)
+    return with_obstacle(side, edit, statement.file)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.comparison.changed_text import with_memory
 from twin.comparison.common_posture import in_common_posture
 from twin.comparison.compared_items import ComparedItem, compared_items, frame_item, motion_text
 from twin.comparison.differing_places import differing_places, place_items
@@ -22,7 +23,6 @@ from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.properties import PROPERTY_KINDS, Properties, PropertyRow, compare_properties, is_same_limit
 from twin.comparison.property_edits import with_property_edits
 from twin.comparison.recut import with_tree_of
-from twin.comparison.rereading import with_memory
 from twin.comparison.search import fits_by_conventions, fits_by_deviations
 from twin.comparison.side import UNLIMITED, RobotSide
 from twin.comparison.side_pair import Kinematics, SidePair

@@ -11,7 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from twin.comparison.attribute_edits import attribute_edits
 from twin.comparison.compared_items import NumberEdit
+from twin.comparison.edit_goal import EditGoal
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
@@ -20,7 +22,6 @@ from twin.comparison.merged_joints import with_merged_joints
 from twin.comparison.openings import loop_openings
 from twin.comparison.paths import relative_path
 from twin.comparison.recut import with_tree_of
-from twin.comparison.rereading import EditGoal, attribute_edits
 from twin.comparison.side import Axis, RobotSide, plain_name
 from twin.core.errors import TwinError
 from twin.core.spatial import Array

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
-from twin.comparison import rereading
 from twin.comparison.compared_items import NumberEdit
+from twin.comparison.edit_goal import EditGoal
 from twin.comparison.evidence import CENTRE_TOLERANCE, LIMIT_TOLERANCE, RELATIVE_TOLERANCE
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frame_gaps import frame_gaps
@@ -14,7 +14,7 @@ from twin.comparison.line_gaps import FitSolution, line_gap
 from twin.comparison.matching import Matching
 from twin.comparison.paths import relative_path
 from twin.comparison.properties import BODY_KINDS, Properties, PropertyRow, compare_properties, property_difference
-from twin.comparison.rereading import EditedSide, EditGoal
+from twin.comparison.rereading import EditedSide, edited_sides, edits_together
 from twin.comparison.side import RobotSide, plain_name
 from twin.core.spatial import Array
 
@@ -86,12 +86,12 @@ class _PropertyEdits:
                 continue
             goal = self._row_goal(row, edited)
             names = _names_of_row(self._problem, row, edited)
-            alternatives = rereading.edited_sides(side, names, row.kind, goal, relative_path)[:_MAX_ALTERNATIVES]
+            alternatives = edited_sides(side, names, row.kind, goal, relative_path)[:_MAX_ALTERNATIVES]
             for alternative in alternatives:
                 edits.append(alternative.edit)
                 self._note_removed_rows(row, alternative, edited)
             if not alternatives and not self._has_welded_wrong_mass(side, row, names):
-                several = rereading.edits_together(side, names, row.kind, goal, relative_path)
+                several = edits_together(side, names, row.kind, goal, relative_path)
                 edits += several
                 together = together or bool(several)
         return replace(row, edits=tuple(edits), together=together)

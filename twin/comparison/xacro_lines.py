@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+
+from twin.comparison.compared_items import NumberEdit
+from twin.comparison.side import RobotSide
 
 _EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
 """An expression of a xacro: "${...}", or "$(...)"."""
@@ -14,6 +18,16 @@ _INDEX = re.compile(r"\[(\d+)\]$")
 
 _ROUNDING_RATIO = 1e-11
 """Relative difference of two texts of one number: the old text of an edit has twelve digits."""
+
+
+def with_obstacle(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:
+    """Return an edit of an expanded xacro without its new number if its line in `file` does not state the number."""
+    if side.text is None:
+        return edit
+    reason = obstacle(side.xacro_places, file, edit.line, edit.what, edit.old)
+    if not reason:
+        return edit
+    return replace(edit, new="", confirmed=False, obstacle=reason)
 
 
 def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: str, old: str) -> str:
