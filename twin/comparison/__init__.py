@@ -40,6 +40,8 @@ What differs:
     compared_items    what a fit says about the two sides, as named conventions and differences
     largest_difference        that of the tools over the common range
     properties        limits, velocities, masses, couplings
+    mapped_properties those of the first side in the terms of the second
+    property_texts    values of properties as text
 
 Which number to edit:
 
@@ -56,6 +58,7 @@ Which number to edit:
     rereading, attribute_edits        edits of numbers, of all numbers of one attribute
     dh_statements     the numbers of a DH table, and what each moves
     loop_edits, property_edits        edits of joints of loops, of properties
+    property_differences      what differs in a property, as numbers
     xacro_lines       whether a line of a xacro states the number that an edit names
 
     openings, loop_gaps       by how much loops are open where they are drawn, as differences

@@ -13,6 +13,9 @@ from twin.core.spatial import Array
 RATIO_TOLERANCE = 1e-4
 """Difference of ratios of couplings up to which they are equal, relative."""
 
+SMALLEST_RATIO = 1e-9
+"""Ratio of a coupling below which a joint does not move the follower."""
+
 
 class CoupledFollower(NamedTuple):
     """How a joint follows those that move freely: q_joint = ratios @ q + offset.

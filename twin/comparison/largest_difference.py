@@ -12,8 +12,8 @@ from twin.comparison.file_numbers import numbers
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frame_gaps import FrameGap, leaf_frame_gaps
 from twin.comparison.line_gaps import FitSolution
+from twin.comparison.mapped_properties import mapped_limits
 from twin.comparison.paths import relative_path
-from twin.comparison.properties import mapped_limits
 from twin.comparison.side import ONE_COORDINATE_KINDS, Axis, RobotSide, plain_name
 from twin.comparison.unknowns import Unknowns, values_of, zero_columns
 from twin.core import spatial

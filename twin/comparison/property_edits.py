@@ -13,7 +13,8 @@ from twin.comparison.frame_gaps import frame_gaps
 from twin.comparison.line_gaps import FitSolution, line_gap
 from twin.comparison.matching import Matching
 from twin.comparison.paths import relative_path
-from twin.comparison.properties import BODY_KINDS, Properties, PropertyRow, compare_properties, property_difference
+from twin.comparison.properties import BODY_KINDS, Properties, PropertyRow, compare_properties
+from twin.comparison.property_differences import property_difference
 from twin.comparison.rereading import EditedSide, edited_sides, edits_together
 from twin.comparison.side import RobotSide, plain_name
 from twin.core.spatial import Array
