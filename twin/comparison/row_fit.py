@@ -35,6 +35,9 @@ _LARGEST_DAMPING = 10.0
 _DAMPING_GROWTH = 30
 """Factor of the damping after a step that did not lower the remainder."""
 
+_DAMPING_REDUCTION = 10
+"""Divisor of the damping after a step that lowered it."""
+
 _CONVERGED_SHARE = 1e-7
 """Part of the sum of squares that a step must remove, or the fit has ended."""
 
@@ -148,7 +151,7 @@ class RowFit:
             if after < before:
                 x = x_tried
                 r = r_tried
-                damping = max(damping / 10, _SMALLEST_DAMPING)
+                damping = max(damping / _DAMPING_REDUCTION, _SMALLEST_DAMPING)
                 J = self.derivatives(x, signs, changes, columns, r)
                 if before - after < _CONVERGED_SHARE * before:
                     break
