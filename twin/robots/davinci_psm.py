@@ -109,7 +109,7 @@ FORMULA = Formula(
     title="da Vinci Classic instrument arm (PSM) with a needle driver",
     source=f"{PAPER}, Table 1; offsets and lengths: {DVRK}",
     parameters=(
-        *instrument.parameters(431.8, 416.2, "400006"),
+        *instrument.parameters(origin=431.8, shaft_long=416.2, tool="400006"),
         *linkage(
             reach=516.0,
             crank=(-40.09, 144.54),

@@ -61,7 +61,9 @@ FORMULA = Formula(
     title="da Vinci Si instrument arm (PSM) with a needle driver",
     source=f"{DVRK}, psm-si and PSM_Si_physical; {instrument.TOOL}, 420006",
     parameters=(
-        *instrument.parameters(482.6, 467.0, "420006", ", estimated there; PSM_Si_physical adds up to 482.5"),
+        *instrument.parameters(
+            origin=482.6, shaft_long=467.0, tool="420006", note=", estimated there; PSM_Si_physical adds up to 482.5"
+        ),
         mm("reach", 338.72, "CITED", f"{PHYSICAL}: distance from pivot B to the RCM, along the yaw axis"),
         mm("drop", 71.2, "CITED", f"{PHYSICAL}: distance of pivot B below the yaw axis"),
         mm("coupler", hypot(338.72, 71.2), "DERIVED", "length of the coupler, from reach and drop"),
