@@ -489,6 +489,9 @@ def test_a_belt_on_what_it_cannot_drive_is_named():
         two_links(Coupling("belt", ("a", "d"), (1.0, 1.0)))
     with pytest.raises(MechanismError, match="coupling 'belt' needs one nonzero ratio"):
         two_links(Coupling("belt", ("a", "c"), (1.0, 0.0)))
+    for ratio, total in ((np.nan, 0.0), (np.inf, 0.0), (1.0, np.nan)):
+        with pytest.raises(MechanismError, match="coupling 'belt': its ratios and its sum must be finite"):
+            two_links(Coupling("belt", ("a", "c"), (1.0, ratio), total))
     with pytest.raises(MechanismError, match="the parent of joint 'c' must be the base"):
         two_links(trocars=("c",))
 

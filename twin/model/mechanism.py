@@ -600,6 +600,8 @@ def _check_motors(mechanism: Mechanism) -> None:
                 _fail(mechanism, f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
             _fail(mechanism, f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
+        if not np.all(np.isfinite([*coupling.ratios, coupling.total])):
+            _fail(mechanism, f"coupling '{coupling.name}': its ratios and its sum must be finite")
 
 
 def _check_trocars(mechanism: Mechanism) -> None:
