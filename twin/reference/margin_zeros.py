@@ -22,7 +22,7 @@ from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.degeneracy import KINDS, Degeneracy
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
-from twin.reference.newton_walks import NEARLY, Mask, Valid, Walks, walk_to_zeros
+from twin.reference.newton_walks import NEARLY_ZERO_SHARE, Mask, Valid, Walks, walk_to_zeros
 from twin.reference.states import SolvedSamples
 
 _DEGENERATE_SHARE = 1e-2
@@ -284,36 +284,45 @@ class ZeroCheck:
         order = np.argsort(np.abs(self._values), axis=0)
         count = len(self._known_states)
         starts = [order[0], order[count // 4]]
-        walks = [self._walks_to_zeros(rows, starts, aside=False, valid=self._valid, seed=0)]
+        walks = [self._walks_to_zeros(rows, starts, avoids_singularity=False, valid=self._valid, seed=0)]
         lacking = self._without_zero(rows, walks)
         if lacking:
             # again from other states, turned away from singularities
             starts = [order[0], order[count // 20], order[count // 2]]
-            walks.append(self._walks_to_zeros(lacking, starts, aside=True, valid=self._valid, seed=1))
+            walks.append(self._walks_to_zeros(lacking, starts, avoids_singularity=True, valid=self._valid, seed=1))
             lacking = self._without_zero(lacking, walks)
         beyond = []
         if lacking:
             # at last through states of other assembly modes
             starts = [order[0], order[count // 2]]
-            beyond = [self._walks_to_zeros(lacking, starts, aside=False, valid=_anywhere, seed=2)]
+            beyond = [self._walks_to_zeros(lacking, starts, avoids_singularity=False, valid=_anywhere, seed=2)]
         return {i: self._verdict(i, walks, beyond) for i in rows}
 
-    def _walks_to_zeros(self, rows: list[int], picks: list[Index], aside: bool, valid: Valid, seed: int) -> Walks:
+    def _walks_to_zeros(
+        self, rows: list[int], picks: list[Index], avoids_singularity: bool, valid: Valid, seed: int
+    ) -> Walks:
         """Return walks to zeros of some rows, each from several states.
 
         Args:
             rows: indices of the rows.
             picks: arrays (all rows,) of indices in the pool: of each row, a state from which a walk starts.
-            aside: whether the walks avoid singularities where their row does not vanish.
+            avoids_singularity: whether the walks avoid singularities where their row does not vanish.
             valid: test of the states through which the walks may go.
             seed: seed of the random metrics.
         """
         row = np.repeat(np.array(rows, np.intp), len(picks))
         # rows of `chosen`: the picks of one row after the other, as in `row`
         chosen = np.array(picks)[:, rows].T.ravel()
-        are_aside = np.full(len(row), aside)
+        avoids_of_walks = np.full(len(row), avoids_singularity)
         return walk_to_zeros(
-            self.motions, self._values_at, valid, self._known_states[chosen], row, are_aside, self._usual_sizes, seed
+            self.motions,
+            self._values_at,
+            valid,
+            self._known_states[chosen],
+            row,
+            avoids_of_walks,
+            self._usual_sizes,
+            seed,
         )
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
@@ -326,7 +335,7 @@ class ZeroCheck:
         if not len(candidates):
             return candidates
         values = np.abs(self._values_at(candidates)[:, i])
-        return candidates[values <= NEARLY * self._usual_sizes[i]]
+        return candidates[values <= NEARLY_ZERO_SHARE * self._usual_sizes[i]]
 
     def _without_zero(self, rows: list[int], walks: list[Walks]) -> list[int]:
         """Return those of the rows of which no walk found a zero."""
@@ -351,7 +360,7 @@ class ZeroCheck:
                 _anywhere,
                 zeros[regular_rows],
                 row=np.zeros(len(regular_rows), np.intp),
-                aside=np.zeros(len(regular_rows), bool),
+                avoids_singularity=np.zeros(len(regular_rows), bool),
                 size=np.ones(1),
             )
             ends = walks.states

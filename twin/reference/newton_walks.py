@@ -1,4 +1,10 @@
-"""Find states of a mechanism at which a function vanishes, by many walks: sequences of Newton steps."""
+"""Find states of a mechanism at which a function vanishes, by many walks: sequences of Newton steps.
+
+A step leads along the motions that keep the loops closed, down the gradient of the function in the metric of the walk,
+to where the function would vanish if it were linear. A step that does not decrease the function, or ends in a state
+that is not valid, is repeated with a third of its length; one that does is followed by steps of up to twice the length.
+A walk ends at a zero, at a minimum (its steps have become too short), or after its last step.
+"""
 
 from __future__ import annotations
 
@@ -43,26 +49,26 @@ _ZERO_SHARE = 1e-10
 _NEAR_ZERO_SHARE = 1e-3
 """Fraction of the usual size below which a state need not be valid; the function may be singular near its zero."""
 
-_MIN_DECREASE = 1e-6
+_SMALLEST_DECREASE = 1e-6
 """Relative decrease of a value below which a step does not count as progress."""
 
-_MAX_WEIGHT_EXPONENT = 1.5
+_LARGEST_WEIGHT_EXPONENT = 1.5
 """Largest power of 10 of the random weights of coordinates; the smallest is its negative."""
 
 _AWAY_SHARE = 0.2
 """Part of the length of a step that leads away from a singularity, if the walk is turned away from it."""
 
-_STEEPER = 3.0
+_STEEPNESS_RATIO = 3.0
 """Ratio of the logarithmic slopes of the distance from a singularity and of the function, above which the function does
 not vanish at the singularity; where it vanishes, the two are about equal."""
 
 _TINY = 1e-300
 """Length or rate that stands for 0 in a quotient."""
 
-_MIN_DISTANCE = 1e-12
+_SMALLEST_DISTANCE = 1e-12
 """Smallest distance from degeneracy of which a logarithm is taken."""
 
-NEARLY = 1e-4
+NEARLY_ZERO_SHARE = 1e-4
 """Fraction of the usual size below which a minimum counts as a zero (some measures touch 0 without a sign change)."""
 
 
@@ -91,7 +97,7 @@ def walk_to_zeros(
     valid: Valid,
     starts: Array,
     row: Index,
-    aside: Mask,
+    avoids_singularity: Mask,
     size: Array,
     seed: int = 0,
 ) -> Walks:
@@ -106,20 +112,20 @@ def walk_to_zeros(
         valid: test whether the functions are valid; walks stay in valid states, except near a zero.
         starts: (w, nq) start states.
         row: (w,) index of the function that each walk follows.
-        aside: (w,) bool, whether the walk avoids singularities where its function does not vanish.
+        avoids_singularity: (w,) bool, whether the walk avoids singularities where its function does not vanish.
         size: (rows,) usual size of each function.
         seed: seed of the random metrics.
     """
     states = starts.copy()
     count = len(states)
     nv = motions.model.tree.model.nv
-    unit = size[row]
+    usual_size = size[row]
     value = values(states)[np.arange(count), row]
     weight = _weights(row, nv, seed)
     stride = np.full(count, _FIRST_STEP)
     gradient_norm = np.full(count, np.nan)
     ended = np.full(count, "far", dtype="<U5")
-    ended[np.abs(value) <= _ZERO_SHARE * unit] = "zero"
+    ended[np.abs(value) <= _ZERO_SHARE * usual_size] = "zero"
     walking = np.flatnonzero((ended == "far") & np.isfinite(value))
     newton = np.zeros((count, nv))  # tangent step to the predicted zero of the function
     is_new = np.ones(count, bool)  # whether `newton` is missing at the state
@@ -129,7 +135,13 @@ def walk_to_zeros(
         new = walking[is_new[walking]]
         if len(new):
             newton[new], gradient_norm[new] = _newton_steps(
-                motions, values, states[new], row[new], value=value[new], weight=weight[new], aside=aside[new]
+                motions,
+                values,
+                states[new],
+                row[new],
+                value=value[new],
+                weight=weight[new],
+                avoids_singularity=avoids_singularity[new],
             )
             is_new[new] = False
         step = newton[walking].copy()
@@ -138,8 +150,8 @@ def walk_to_zeros(
         step *= shortening[:, None]
         ends, closed = motions.moved(states[walking], step)
         end_value = values(ends)[np.arange(len(walking)), row[walking]]
-        better = closed & (np.abs(end_value) < np.abs(value[walking]) * (1 - _MIN_DECREASE))
-        tested = better & ~(np.abs(end_value) < _NEAR_ZERO_SHARE * unit[walking])
+        better = closed & (np.abs(end_value) < np.abs(value[walking]) * (1 - _SMALLEST_DECREASE))
+        tested = better & ~(np.abs(end_value) < _NEAR_ZERO_SHARE * usual_size[walking])
         better[tested] = valid(ends[tested])
         improved = walking[better]
         blocked = walking[~better]
@@ -148,12 +160,12 @@ def walk_to_zeros(
         is_new[improved] = True
         stride[improved] = np.minimum(2 * stride[improved], _LONGEST_STEP)
         stride[blocked] = np.minimum(stride[blocked], length[~better]) / 3
-        is_zero = np.abs(value[walking]) <= _ZERO_SHARE * unit[walking]
+        is_zero = np.abs(value[walking]) <= _ZERO_SHARE * usual_size[walking]
         is_short = stride[walking] < _SHORTEST_STEP
         ended[walking[is_short]] = "least"
         ended[walking[is_zero]] = "zero"
         walking = walking[~is_zero & ~is_short]
-    ended[np.abs(value) <= NEARLY * unit] = "zero"
+    ended[np.abs(value) <= NEARLY_ZERO_SHARE * usual_size] = "zero"
     return Walks(row, states, value, gradient_norm, ended)
 
 
@@ -162,12 +174,19 @@ def _weights(row: Index, nv: int, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     is_first = np.ones(len(row), bool)
     is_first[1:] = row[1:] != row[:-1]
-    random_weight = 10 ** rng.uniform(-_MAX_WEIGHT_EXPONENT, _MAX_WEIGHT_EXPONENT, (len(row), nv))
+    random_weight = 10 ** rng.uniform(-_LARGEST_WEIGHT_EXPONENT, _LARGEST_WEIGHT_EXPONENT, (len(row), nv))
     return np.where(is_first[:, None], 1.0, random_weight)
 
 
 def _newton_steps(
-    motions: Degeneracy, values: Values, states: Array, row: Index, *, value: Array, weight: Array, aside: Mask
+    motions: Degeneracy,
+    values: Values,
+    states: Array,
+    row: Index,
+    *,
+    value: Array,
+    weight: Array,
+    avoids_singularity: Mask,
 ) -> tuple[Array, Array]:
     """Return tangent steps (w, nv) to predicted zeros of the functions `row`, and the norms (w,) of their gradients.
 
@@ -183,8 +202,9 @@ def _newton_steps(
     step = direction * (-value / rate)[:, None]
     length = np.maximum(np.linalg.norm(step, axis=1), _TINY)
     step *= np.minimum(1, _LONGEST_STEP / length)[:, None]
-    log_gradient = gradient[aside] / value[aside][:, None]
-    step[aside] = _turn_from_singularities(motions, states[aside], N[aside], log_gradient, step[aside])
+    turned = np.flatnonzero(avoids_singularity)
+    log_gradient = gradient[turned] / value[turned][:, None]
+    step[turned] = _turn_from_singularities(motions, states[turned], N[turned], log_gradient, step[turned])
     return np.einsum("kij,kj->ki", N, step), np.linalg.norm(gradient, axis=1)
 
 
@@ -200,13 +220,13 @@ def _turn_from_singularities(motions: Degeneracy, states: Array, N: Array, log_g
 
     def log_distance(states: Array) -> Array:
         smallest = motions.of(states).min(axis=1)
-        return np.log(np.maximum(smallest, _MIN_DISTANCE))[:, None]
+        return np.log(np.maximum(smallest, _SMALLEST_DISTANCE))[:, None]
 
     only_row = np.zeros(len(near_rows), np.intp)
     distance_gradient = _gradients(motions, log_distance, states[near_rows], N[near_rows], only_row)
     steepness = np.linalg.norm(distance_gradient, axis=1)
     away = distance_gradient / np.maximum(steepness, _TINY)[:, None]
-    does_not_vanish = steepness > _STEEPER * np.linalg.norm(log_gradient[near_rows], axis=1)
+    does_not_vanish = steepness > _STEEPNESS_RATIO * np.linalg.norm(log_gradient[near_rows], axis=1)
     step = steps[near_rows]
     step_away = np.sum(step * away, axis=1)
     missing = _AWAY_SHARE * np.linalg.norm(step, axis=1) - np.minimum(step_away, 0)

@@ -29,7 +29,7 @@ _KNOT_TRAVEL = 0.1
 _KNOTS_AT_ONCE = 32
 """Maximum number of knots that are solved together if the motion is predictable."""
 
-_PREDICTABLE = 0.2
+_LARGEST_PREDICTION_ERROR = 0.2
 """Prediction error, relative to the step, above which knots are solved one by one."""
 
 _NO_STEP = 1e-9
@@ -53,16 +53,16 @@ def solved_along(
     Raises:
         AssemblyError: the loops cannot be closed at a sample; the message names the sample.
     """
-    at = knot_samples(targets)
+    knot_indices = knot_samples(targets)
 
     def solved_from(x: Array) -> Array:
-        return _knots(continuation, at, targets, x, progress)
+        return _knots(continuation, knot_indices, targets, x, progress)
 
     if targets.ndim == 2:
         knots = continuation.in_turns(start, targets[0], solved_from)
     else:
         knots = solved_from(start)
-    states = _guesses(continuation, at, knots, targets)
+    states = _guesses(continuation, knot_indices, knots, targets)
     samples = np.arange(len(targets))
     for block in np.array_split(samples, max(1, len(targets) // BLOCK)):
         solved, converged = continuation.move(states[block], targets[block])
@@ -86,29 +86,29 @@ def knot_samples(targets: Array) -> Index:
     largest = change.reshape(len(targets) - 1, -1).max(axis=1, initial=0.0)
     travel = np.concatenate([[0.0], np.cumsum(largest)])
     last = len(targets) - 1
-    at = [0]
-    while at[-1] < last:
-        sample = at[-1]
+    samples = [0]
+    while samples[-1] < last:
+        sample = samples[-1]
         farthest = int(np.searchsorted(travel, travel[sample] + _KNOT_TRAVEL, side="right")) - 1
         # at least the next sample, even if the target jumps
         farthest = max(farthest, sample + 1)
-        at.append(min(sample + _KNOT_SAMPLES, farthest, last))
-    return np.array(at)
+        samples.append(min(sample + _KNOT_SAMPLES, farthest, last))
+    return np.array(samples)
 
 
 def _knots(
-    continuation: TargetContinuation, at: Index, targets: Array, start: Array, progress: StepProgress | None
+    continuation: TargetContinuation, knot_indices: Index, targets: Array, start: Array, progress: StepProgress | None
 ) -> Array:
-    """Return the states (j, nq) of the samples `at`, solved in order; predictable samples are solved together."""
-    knots = np.zeros((len(at), continuation.tree.model.nq))
+    """Return the states (j, nq) of samples `knot_indices`, solved in order; predictable ones are solved together."""
+    knots = np.zeros((len(knot_indices), continuation.tree.model.nq))
     most = 1
     if targets.ndim == 2:
         most = _KNOTS_AT_ONCE  # only joint values have a tangent for predictions
     x = start
     solved = 0  # number of knots
     together = 1
-    while solved < len(at):
-        samples = at[solved : solved + together]
+    while solved < len(knot_indices):
+        samples = knot_indices[solved : solved + together]
         X, is_valid = _knots_at_once(continuation, x, targets[samples])
         if is_valid.all():
             count = len(samples)
@@ -120,7 +120,7 @@ def _knots(
             # not even one knot in one step: sample by sample
             first = 0
             if solved:
-                first = at[solved - 1] + 1
+                first = knot_indices[solved - 1] + 1
             X = _last_of(continuation, targets, range(first, samples[0] + 1), x)[None]
             count = 1
         if count:
@@ -128,7 +128,7 @@ def _knots(
             x = X[count - 1]
             solved += count
         if progress is not None:
-            progress(solved / len(at) / 2)
+            progress(solved / len(knot_indices) / 2)
     return knots
 
 
@@ -155,7 +155,7 @@ def _knots_at_once(continuation: TargetContinuation, x: Array, targets: Array) -
     before = np.concatenate([x[None], X[:-1]])
     steady = continuation.jumps(before, X) <= MODE_JUMP
     if len(targets) > 1:
-        is_predicted = _prediction_errors(continuation, x, guesses, X) < _PREDICTABLE
+        is_predicted = _prediction_errors(continuation, x, guesses, X) < _LARGEST_PREDICTION_ERROR
         steady = np.logical_and(steady, is_predicted)
     closed = continuation.misfits(X, targets) <= GAP_TOLERANCE
     return X, np.logical_and.reduce([converged, steady, closed])
@@ -177,42 +177,42 @@ def _prediction_errors(continuation: TargetContinuation, x: Array, guesses: Arra
     return error / np.maximum(step, _NO_STEP)
 
 
-def _guesses(continuation: TargetContinuation, at: Index, knots: Array, targets: Array) -> Array:
-    """Return first guesses (k, nq) for all samples from the solved states `knots` (j, nq) at samples `at`.
+def _guesses(continuation: TargetContinuation, knot_indices: Index, knots: Array, targets: Array) -> Array:
+    """Return first guesses (k, nq) for all samples from the solved states `knots` (j, nq) at samples `knot_indices`.
 
     For driven motions, the constraint Jacobian gives the slopes of all joints from the slopes of the active joints.
     Where a bang-bang acceleration switches, the interpolated active joints have an error. This error is removed, and
     the Jacobian corrects the passive joints accordingly. One iteration then suffices for nearly all samples.
     """
     tree = continuation.tree
-    if targets.ndim == 3 or len(at) < 2:
+    if targets.ndim == 3 or len(knot_indices) < 2:
         slopes = np.zeros_like(knots)
-        if len(at) > 1:
-            slopes = np.gradient(knots, at.astype(float), axis=0)
-        states = _interpolated(at, knots, slopes, len(targets))
+        if len(knot_indices) > 1:
+            slopes = np.gradient(knots, knot_indices.astype(float), axis=0)
+        states = _interpolated(knot_indices, knots, slopes, len(targets))
         return tree.normalise(states)
     gain = loop_rates.gains(tree, knots)
-    driven_rate = np.gradient(targets, axis=0)[at]
+    driven_rate = np.gradient(targets, axis=0)[knot_indices]
     rate = np.einsum("kij,kj->ki", gain, driven_rate)
     # central difference: the slope of a quaternion is not its velocity
     ahead = tree.integrate(knots, _SLOPE_STEP * rate)
     behind = tree.integrate(knots, -_SLOPE_STEP * rate)
     slopes = (ahead - behind) / (2 * _SLOPE_STEP)
-    states = _interpolated(at, knots, slopes, len(targets))
+    states = _interpolated(knot_indices, knots, slopes, len(targets))
     states = tree.normalise(states)
-    midway = 0.5 * (at[1:] + at[:-1])
+    midway = 0.5 * (knot_indices[1:] + knot_indices[:-1])
     nearest = np.searchsorted(midway, np.arange(len(targets)))
     deviation = targets - states[:, tree.active_places]
     correction = np.einsum("kij,kj->ki", gain[nearest], deviation)
     return tree.integrate(states, correction)
 
 
-def _interpolated(at: Index, knots: Array, slopes: Array, count: int) -> Array:
-    """Return rows 0 to count - 1 of cubic Hermite polynomials through `knots` at rows `at` with `slopes`."""
-    if len(at) < 2:
+def _interpolated(knot_indices: Index, knots: Array, slopes: Array, count: int) -> Array:
+    """Return rows 0 to count - 1 of cubic Hermite polynomials through `knots` at rows `knot_indices` with `slopes`."""
+    if len(knot_indices) < 2:
         return np.tile(knots, (count, 1))
     row = np.arange(count)
-    i = np.clip(np.searchsorted(at, row, side="right") - 1, 0, len(at) - 2)
-    width = (at[i + 1] - at[i])[:, None].astype(float)
-    s = (row - at[i])[:, None] / width
+    i = np.clip(np.searchsorted(knot_indices, row, side="right") - 1, 0, len(knot_indices) - 2)
+    width = (knot_indices[i + 1] - knot_indices[i])[:, None].astype(float)
+    s = (row - knot_indices[i])[:, None] / width
     return spatial.cubic(s, knots[i], knots[i + 1], slopes[i] * width, slopes[i + 1] * width)
