@@ -13,7 +13,7 @@ import pytest
 from made.arm import arm
 from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
-from twin.analysis.mutation.equivalent import MatrixKinematics, same_equations, same_motion
+from twin.analysis.mutation.equivalent import MatrixKinematics, same_equations, same_motion, same_samples
 from twin.analysis.mutation.fault import FAMILIES, Detection, SeededFault
 from twin.analysis.mutation.score import Score
 from twin.analysis.mutation.trials import SHARES, bench_of, random_faults, shared_out
@@ -265,3 +265,11 @@ def test_a_slide_with_another_axis_slides_along_it():
         "joint q0 slides along another axis of its frame",
         "joint q1 turns about another axis of its frame",
     }
+
+
+def test_a_value_that_only_one_trajectory_has_is_an_effect():
+    """As where a fault removes the RCM of a phase: the distance from it is NaN, and no number differs."""
+    full = SimpleNamespace(phases=(), rcm_error=np.zeros(4))
+    missing = SimpleNamespace(phases=full.phases, rcm_error=np.array([0.0, 0.0, np.nan, np.nan]))
+    assert same_samples(full, full)
+    assert not same_samples(full, missing)
