@@ -39,16 +39,16 @@ from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, WORLD, Mechanism
 from twin.usd.write.spanning import spanning
 
-PIN = 0.05
+CONNECT_DISTANCE = 0.05
 """Distance in m along the pin between the two <connect> points of a revolute joint."""
 
-CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
+CARRIER_INERTIA = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
 """Inertia of the auxiliary body (carrier) of a loop closure with a slide."""
 
 SITE_SIZE = "0.002"
 """Radius in m with which sites are displayed."""
 
-STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
+CONSTRAINT_SOLVER = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 """Solver parameters of the equality constraints. With the softer defaults of MuJoCo, loops open under load."""
 
 OPTION = {"timestep": "0.001", "integrator": "discrete", "iterations": "100", "tolerance": "1e-12"}
@@ -58,19 +58,19 @@ Other implicit integrators correct accelerations after the constraints are solve
 SHER oscillate by 14 mm (measured). With an explicit integrator LAPBOT is unstable.
 """
 
-STEPPING = (
+STEPPING_COMMENT = (
     "The constraints that close loops act as springs. At this time step, with this integrator (MuJoCo 3.13 or newer), "
     "the loops of the robots that come with twin stay closed within 1 um: 10 s at rest under gravity, and along their "
     "protocols. With an older MuJoCo use implicitfast and 0.0001 s."
 )
 
-CONTROLS = (
+CONTROLS_COMMENT = (
     "A control is the displacement of its joint from home, in m or rad: ctrl = coordinate - ref. Zero holds the robot "
     "at home, where its weight is compensated. A motor has no gains: its control is its force."
 )
 
 
-MOTORS = (
+MOTORS_COMMENT = (
     "A tendon with the name of its actuator is a motor: its length is the motor's coordinate, in rad or m as stated by "
     "the text of that name; a tuple names the joints and the motors of a transmission. Controls of motors are also "
     "displacements from home."
@@ -142,7 +142,7 @@ class _Writer:
         for finding in mjcf_findings(mechanism, file):
             root.append(ET.Comment(f" {finding.message} "))
         ET.SubElement(root, "compiler", angle="radian", autolimits="true")
-        root.append(ET.Comment(f" {STEPPING} "))
+        root.append(ET.Comment(f" {STEPPING_COMMENT} "))
         option = ET.SubElement(root, "option", OPTION)
         if mechanism.gravity != EARTH:
             option.set("gravity", numbers(mechanism.gravity))
@@ -213,7 +213,7 @@ class _Writer:
             carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_pos_and_quat(T)})
             carrier.set("gravcomp", "1")  # no part of the robot: no drive has to hold its weight
             self._axis_joints(carrier, slide, np.eye(4))
-            _inertial(carrier, CARRIER)
+            _inertial(carrier, CARRIER_INERTIA)
             ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size=SITE_SIZE)
 
     def _sites(self, body: str) -> list[tuple[str, Array]]:
@@ -291,11 +291,11 @@ class _Writer:
         """Add the equality constraint of a loop closure, and store the sites and carriers that it needs."""
         if joint.type in ("spherical", "revolute"):
             # One common point leaves a ball; two on the axis leave a hinge.
-            distances = (-PIN / 2, PIN / 2) if joint.type == "revolute" else (0.0,)
+            distances = (-CONNECT_DISTANCE / 2, CONNECT_DISTANCE / 2) if joint.type == "revolute" else (0.0,)
             for index, distance in enumerate(distances):
                 anchor = numbers(joint.T_parent_joint[:3, 3] + distance * joint.T_parent_joint[:3, 2])
                 bodies = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
-                ET.SubElement(equality, "connect", {"name": f"{joint.name}_{index}", **bodies, **STIFF})
+                ET.SubElement(equality, "connect", {"name": f"{joint.name}_{index}", **bodies, **CONSTRAINT_SOLVER})
             return
         ends = {"site1": f"{joint.name}_0_parent", "site2": f"{joint.name}_0_child"}
         self.weld_sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
@@ -303,7 +303,7 @@ class _Writer:
             self.carriers.setdefault(joint.parent, []).append(joint)
         else:
             self.weld_sites.setdefault(joint.parent, []).append((ends["site1"], joint.T_parent_joint))
-        ET.SubElement(equality, "weld", {"name": f"{joint.name}_0", **ends, **STIFF})
+        ET.SubElement(equality, "weld", {"name": f"{joint.name}_0", **ends, **CONSTRAINT_SOLVER})
 
     def _couplings(self, equality: ET.Element) -> None:
         if not self.mechanism.couplings:
@@ -315,14 +315,14 @@ class _Writer:
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
             # MuJoCo measures the length relative to the joints' `ref`, where the coupling is satisfied.
             attributes = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
-            ET.SubElement(equality, "tendon", {**attributes, **STIFF})
+            ET.SubElement(equality, "tendon", {**attributes, **CONSTRAINT_SOLVER})
 
     def _motors(self) -> None:
         """Write a tendon for each motor, and a <tuple> for each transmission with its joints and motors."""
         mechanism = self.mechanism
         if not mechanism.transmissions:
             return
-        self.root.append(ET.Comment(f" {MOTORS} "))
+        self.root.append(ET.Comment(f" {MOTORS_COMMENT} "))
         tendons = self.root.find("tendon")  # there is one if the robot has couplings
         if tendons is None:
             tendons = ET.SubElement(self.root, "tendon")
@@ -346,7 +346,7 @@ class _Writer:
 
     def _actuators(self) -> None:
         """Write an actuator for each motor; it drives a joint directly or, with a transmission, pulls a tendon."""
-        self.root.append(ET.Comment(f" {CONTROLS} "))
+        self.root.append(ET.Comment(f" {CONTROLS_COMMENT} "))
         actuators = ET.SubElement(self.root, "actuator")
         control = []
         mechanism = self.mechanism
