@@ -355,7 +355,7 @@ def test_formulas_give_the_same_in_many_rows_and_in_few(name, monkeypatch):
     evaluators += [program.forward, program.forward_jacobian] if kin.closed_forward and not kin.closed_inverse else []
     for compiled in evaluators:
         few = compiled.many(rows)
-        monkeypatch.setattr(evaluator, "_MANY", 10)
+        monkeypatch.setattr(evaluator, "_KERNEL_SAMPLES", 10)
         many = compiled.many(rows)
         monkeypatch.undo()
         assert np.array_equal(np.isnan(few), np.isnan(many)), compiled.name
@@ -410,7 +410,7 @@ def test_a_batch_of_poses_has_the_answers_of_each_and_nan_where_there_is_none(na
     from twin.core.errors import KinematicsError
     from twin.formula import evaluator
 
-    monkeypatch.setattr(evaluator, "_MANY", many)
+    monkeypatch.setattr(evaluator, "_KERNEL_SAMPLES", many)
     kin, rng = twin.load(name).kinematics(), np.random.default_rng(8)
     if not kin.closed_inverse:
         pytest.skip(f"{name} has no closed inverse")

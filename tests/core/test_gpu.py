@@ -35,7 +35,7 @@ def card(monkeypatch) -> ProcessorAsGpu:
     card = ProcessorAsGpu()
     monkeypatch.setattr(gpu, "found", lambda: (card, ""))
     monkeypatch.setattr(kernel_module, "_FEWEST_GPU_SAMPLES", 1)
-    monkeypatch.setattr(evaluator, "_MANY", 1)  # few poses would be computed by CasADi, which has other roundings
+    monkeypatch.setattr(evaluator, "_KERNEL_SAMPLES", 1)  # CasADi, which would compute few poses, rounds otherwise
     return card
 
 
