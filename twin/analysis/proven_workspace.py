@@ -26,7 +26,7 @@ from twin.kinematics.closed_loops.bounds import bounds_of
 from twin.proof.box_judge import BoxJudge
 from twin.proof.certificate import digest
 from twin.proof.formula_boxes import FormulaBoxes
-from twin.proof.limits import LinearLimit
+from twin.proof.linear_limit import LinearLimit
 from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import RegularWorkspace, cover
 from twin.proof.workspace_certificate import SCHEMA, boxes_as_data, limits_as_data, loops_as_data

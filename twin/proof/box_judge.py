@@ -20,7 +20,7 @@ from twin.proof.frame_motion import ToolBox
 from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
-from twin.proof.limits import LinearLimit
+from twin.proof.linear_limit import LinearLimit
 from twin.proof.loops import ClosingConditions, Closure, are_lengths, independent_rows
 from twin.proof.rigid_frame import rigid_frame
 

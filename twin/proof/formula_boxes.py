@@ -13,7 +13,7 @@ from twin.formula.contract import Formula
 from twin.proof import formula_side, intervals
 from twin.proof.interval_function import IntervalFunction
 from twin.proof.intervals import Certainty
-from twin.proof.limits import LinearLimit
+from twin.proof.linear_limit import LinearLimit
 
 
 class FormulaBoxes:

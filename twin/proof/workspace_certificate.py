@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.proof.limits import LinearLimit
+from twin.proof.linear_limit import LinearLimit
 from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import RegularWorkspace
 

@@ -38,7 +38,7 @@ _FRAMES = ("frame", "inverse")
 
 
 @dataclass(frozen=True)
-class PathStep:
+class StatedPathStep:
     """A step of a path: a constant frame, or a joint.
 
     Attributes:
@@ -59,7 +59,7 @@ class StatedPath:
     """A path to the frame of a closing joint; `from_tool` is whether it begins at the tool, and not at the base."""
 
     from_tool: bool
-    steps: tuple[PathStep, ...]
+    steps: tuple[StatedPathStep, ...]
 
     def end(self, x: Numbers, tool: Numbers) -> Numbers:
         """Return the poses (k, 4, 4) of the end at joint values x (k, n) and poses (k, 4, 4) of the tool."""
@@ -225,13 +225,13 @@ def _path(entry: JsonMapping, joint_count: int) -> StatedPath:
             (rows,) = values
             frame = np.eye(4)
             frame[:3] = np.array(rows, float)
-            steps.append(PathStep(kind, frame))
+            steps.append(StatedPathStep(kind, frame))
         elif kind in _MOTIONS:
             joint, sign = values
             # Python would count a negative number from the last joint.
             if not 0 <= joint < joint_count:
                 raise ValueError(f"there is no joint {joint}")
-            steps.append(PathStep(kind, np.eye(4), joint, float(sign)))
+            steps.append(StatedPathStep(kind, np.eye(4), joint, float(sign)))
         else:
             raise ValueError(f"a step is {kind!r}")
     return StatedPath(bool(entry["from_tool"]), tuple(steps))

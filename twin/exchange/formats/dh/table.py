@@ -28,7 +28,7 @@ from twin.exchange.formats.dh.cells import Cells, TableRow, read_cells
 from twin.exchange.formats.dh.convention import find_convention, require_columns
 from twin.exchange.formats.dh.headings import read_columns
 from twin.exchange.formats.dh.table_errors import TableErrors
-from twin.exchange.formats.dh.units import LENGTH_COLUMNS, UnitFinder
+from twin.exchange.formats.dh.table_units import LENGTH_COLUMNS, UnitFinder
 from twin.exchange.read.imported_robot import DhOptions
 
 _KIND_WORDS = {

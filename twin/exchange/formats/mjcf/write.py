@@ -29,8 +29,8 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.exchange.write.assumed_masses import inertia_of, partly_shown, unweighed
-from twin.exchange.write.left_out import left_out, limits_left_out, motors_left_out
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
+from twin.exchange.write.omissions import left_out, limits_left_out, motors_left_out
 from twin.exchange.write.order import Order
 from twin.exchange.write.xml_text import gains, numbers, srgb, write_xml, xml_text
 from twin.model.hull import flat

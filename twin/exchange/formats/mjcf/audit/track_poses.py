@@ -13,7 +13,7 @@ from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_joints import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
-from twin.exchange.formats.mjcf.audit.loop_gaps import gap_text, largest_gap
+from twin.exchange.formats.mjcf.audit.equality_residuals import gap_text, largest_gap
 from twin.exchange.formats.mjcf.audit.mujoco_conventions import BALL, FREE, HINGE, SLIDE, W_XYZ, XYZ_W
 
 LOOP_TOL = 1e-6

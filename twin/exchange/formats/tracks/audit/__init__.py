@@ -26,7 +26,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.tracks.audit.csv_table import SCHEMA, csv_data, is_track, names_in
-from twin.exchange.formats.tracks.audit.limits import check_joint_limits
+from twin.exchange.formats.tracks.audit.joint_limits import check_joint_limits
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers, report_not_finite
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema

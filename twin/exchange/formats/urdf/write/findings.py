@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from twin.core.findings import Finding, Kind, info, warning
 from twin.exchange.formats.urdf.write.joints import NO_LIMIT
 from twin.exchange.write.assumed_masses import partly_shown, unweighed
-from twin.exchange.write.left_out import left_out, limits_left_out, motors_left_out
+from twin.exchange.write.omissions import left_out, limits_left_out, motors_left_out
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
 from twin.model.mimic_joints import Following, following
