@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.proof import constants, draws, field, values
-from twin.proof.replay import Notes, replay
+from twin.proof.exact_replay import Notes, replay
 
 fractions = st.fractions(max_denominator=1000).filter(lambda x: abs(x) < 1000)
 

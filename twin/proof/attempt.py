@@ -27,12 +27,12 @@ from twin.proof import formula_side, values
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.degree import RootSignature, Truths
 from twin.proof.exact_mechanism import ExactMechanism
+from twin.proof.exact_replay import Notes, replay
 from twin.proof.fit_conditions import cannula_conditions, fit_conditions, pose_differences
 from twin.proof.formula_side import Outputs
 from twin.proof.placed_bodies import PlacedBodies, place_bodies, point_in_base
 from twin.proof.program import ProgramStep
 from twin.proof.random_states import ProofStates
-from twin.proof.replay import Notes, replay
 from twin.proof.transforms import Matrix
 from twin.proof.values import ExactValue, Value
 

@@ -13,10 +13,10 @@ from twin.proof.attempt import within_reach
 from twin.proof.branch_report import examined_conditions, states_one_by_one
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.combined_proof import demote_wrong_signs
+from twin.proof.exact_replay import Notes, replay
 from twin.proof.formula_side import Outputs
 from twin.proof.prove import REPEATS_PER_STATE, STATES
 from twin.proof.random_states import ProofStates, random_states
-from twin.proof.replay import Notes, replay
 from twin.proof.values import Angle, ExactValue, Value
 
 _EVERY_REFUSED = 8

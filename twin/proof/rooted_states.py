@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from twin.proof import formula_side, values
 from twin.proof.attempt import Attempt
 from twin.proof.claims import JudgedClaim
+from twin.proof.exact_replay import Notes, replay
+from twin.proof.narrowed_states import NarrowedStates
 from twin.proof.random_states import ProofStates
-from twin.proof.replay import Notes, RootedStates, replay
 
 _MOST_STATES_OF_GROUP = 256
 """Largest number of states with all roots that are kept for a claim."""
@@ -73,13 +74,13 @@ def _rooted_places(states: ProofStates, variants: Mapping[str, str], group: Root
     needed_outputs = []
     if second_roots:
         needed_outputs = [pose]  # the second function is one of the pose
-    rooted = RootedStates(first_roots, needed_outputs, np.arange(states.count))
-    results = replay(outputs.function, inputs, Notes(), rooted)
+    in_first = NarrowedStates(first_roots, needed_outputs, np.arange(states.count))
+    results = replay(outputs.function, inputs, Notes(), in_first)
     if not second_roots:
-        return rooted.places
-    parameters = [values.taken(value, rooted.places) for value in states.parameters.values()]
+        return in_first.places
+    parameters = [values.taken(value, in_first.places) for value in states.parameters.values()]
     # numbered among the states that the first function has left
-    rooted_in_second = RootedStates(second_roots, [], np.arange(len(rooted.places)))
+    in_second = NarrowedStates(second_roots, [], np.arange(len(in_first.places)))
     outputs = formula_side.from_pose(formula, variants, coordinates=False)
-    replay(outputs.function, [results[pose], parameters], Notes(), rooted_in_second)
-    return rooted.places[rooted_in_second.places]
+    replay(outputs.function, [results[pose], parameters], Notes(), in_second)
+    return in_first.places[in_second.places]

@@ -1,8 +1,16 @@
-"""Repeat the operations of a compiled function with exact values."""
+"""Repeat the operations of a compiled function with exact values.
+
+A value has a real number and, in a prime field, a residue (`values`). Where an operation has no exact form, as a
+logarithm, or one of its operands none, the value is unknown in the field: only its real number goes on.
+
+A root is the result of a square root, also of one within an inverse trigonometric function. Where its argument is no
+square modulo the prime, it is unknown in the field. The residues of its argument are its signature: roots whose
+signatures are equal are one root (`degree.signature_of`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -13,6 +21,7 @@ from twin.core.spatial import Array
 from twin.proof import values
 from twin.proof.degree import ALIKE, RootSignature, Truths
 from twin.proof.instructions import OPERATION_NAMES, Instruction, instructions
+from twin.proof.narrowed_states import NarrowedStates
 from twin.proof.values import Angle, DrawnCondition, Value
 
 
@@ -93,60 +102,13 @@ class Notes:
     rootless: bool = False
 
 
-@dataclass
-class RootedStates:
-    """The states where some roots exist in the field: others are dropped at each root, so that a search is fast.
-
-    Attributes:
-        roots: instructions of the function with the roots.
-        results: outputs of the function that are needed besides.
-        places: (m,) of these states among the first ones.
-    """
-
-    roots: Collection[int]
-    results: Collection[int]
-    places: NDArray[np.integer]
-
-    def needed(self, steps: Sequence[Instruction]) -> list[Instruction]:
-        """Return those of the instructions of the function that roots and results need, in their order."""
-        writers: dict[int, int] = {}  # {place: instruction that wrote it last}
-        sources: dict[int, list[int]] = {}  # {instruction: those whose results it reads}
-        waiting = list(self.roots)
-        for step in steps:
-            sources[step.number] = [writers[place] for place in step.operands]
-            if step.operation != ca.OP_OUTPUT:
-                writers[step.target] = step.number
-                continue
-            output, _ = step.port
-            if output in self.results:
-                waiting.append(step.number)
-        needed: set[int] = set()
-        while waiting:
-            number = waiting.pop()
-            if number not in needed:
-                needed.add(number)
-                waiting += sources[number]
-        return [step for step in steps if step.number in needed]
-
-    def narrowed(self, instruction: int, result: Value) -> NDArray[np.integer] | None:
-        """Return the places (m,) of the states that stay after an instruction; None if all do."""
-        if instruction not in self.roots:
-            return None
-        has_root = values.known_at(result)
-        if not has_root.any() or has_root.all():
-            return None
-        places = np.flatnonzero(has_root)
-        self.places = self.places[places]
-        return places
-
-
 def replay(
-    function: ca.Function, inputs: Sequence[Sequence[Value]], notes: Notes, rooted: RootedStates | None = None
+    function: ca.Function, inputs: Sequence[Sequence[Value]], notes: Notes, narrowed: NarrowedStates | None = None
 ) -> list[list[Value]]:
     """Return the outputs of a function of scalars and vectors, one value for each entry, by columns.
 
-    A value without an exact form is unknown in the field; `notes` are completed. If `rooted` is given, only what it
-    needs is computed, and states without its roots are dropped.
+    `notes` are completed. If `narrowed` is given, only what it needs is computed, and states without its roots are
+    dropped.
     """
     states = len(inputs[0][0].real)
     memory: dict[int, Value] = {}
@@ -154,8 +116,8 @@ def replay(
     for number in range(function.n_out()):
         outputs.append([values.constant(0.0, states)] * function.nnz_out(number))
     steps = instructions(function)
-    if rooted is not None:
-        steps = rooted.needed(steps)
+    if narrowed is not None:
+        steps = narrowed.needed(steps)
     for step in steps:
         if step.operation == ca.OP_OUTPUT:
             output, entry = step.port
@@ -173,8 +135,8 @@ def replay(
         _note(notes, step, operands, result)
         memory[step.target] = result
         kept_places = None
-        if rooted is not None:
-            kept_places = rooted.narrowed(step.number, result)
+        if narrowed is not None:
+            kept_places = narrowed.narrow(step.number, result)
         if kept_places is not None:
             for place, value in memory.items():
                 memory[place] = values.taken(value, kept_places)
