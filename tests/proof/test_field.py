@@ -183,3 +183,25 @@ def test_what_is_not_algebraic_is_unknown_and_named():
     assert not values.scalar(other).known.any()
     assert notes.inexact
     assert values.scalar(found).known.all() or not values.scalar(found).known.any()
+
+
+@pytest.mark.parametrize(
+    ("expression", "is_chosen"),
+    [
+        (ca.fabs(x), lambda x, y: x < 0),
+        (ca.sign(x), lambda x, y: x < 0),
+        (ca.copysign(x, y), lambda x, y: y < 0),
+        (ca.fmin(x, y), lambda x, y: x <= y),
+        (x * (x < y), lambda x, y: x < y),
+        (x + ca.logic_not(x < y), lambda x, y: x >= y),
+        (ca.if_else(x < y, x, 0), lambda x, y: x < y),
+    ],
+)
+def test_the_answers_of_all_that_chooses_are_noted(expression, is_chosen):
+    generator = np.random.default_rng(3)
+    state = [draws.number(generator, -3, 4, 50, "x"), draws.number(generator, -3, 4, 50, "y")]
+    notes = Notes()
+    replay(ca.Function("f", [ca.vertcat(x, y)], [expression]), [state], notes)
+    (answers,) = notes.conditions
+    assert answers.tolist() == is_chosen(*map(values.real_of, state)).tolist()
+    assert 0 < answers.sum() < 50

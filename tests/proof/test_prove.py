@@ -453,6 +453,46 @@ def test_states_that_a_search_found_judge_claims_with_roots():
     assert "where a condition has one of its answers" in claim.reason
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "error",
+    [
+        lambda margin: ca.copysign(5e-12, margin) - 5e-12,
+        lambda margin: 5e-12 * (ca.sign(margin) - 1),
+        lambda margin: 1e-11 * (margin < 0),
+    ],
+)
+def test_a_box_of_an_operation_that_chooses_by_itself_judges_claims_with_roots(error):
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += ca.sqrt(1 - ca.cos(q1) ** 2) - ca.fabs(ca.sin(q1))
+        T[1, 3] += error(ca.fabs(q1 - 0.3) - 5e-6)
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
+    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    assert claim.status == "unproved"
+    assert "where a condition has one of its answers" in claim.reason
+
+
+@pytest.mark.slow
+def test_an_error_in_a_box_of_a_sign_is_found():
+    robot = twin.load("pa10")
+
+    def shifted(T, q1):
+        T = ca.SX(T)
+        T[0, 3] += 0.001 * (1 - ca.sign(ca.fabs(q1 - 0.12345) - 1e-6))
+        return T
+
+    formula = with_forward(robot.formula, shifted)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
+    verdicts = {claim.name: claim.status for claim in proof.claims}
+    assert verdicts["forward: joint mount"] == "refuted"
+
+
 def test_a_number_of_60_digits_is_not_zero_beyond_its_own_error():
     x = ProgramStep("input", text="x")
     square = ProgramStep("root", (ProgramStep("multiply", (x, x)),))

@@ -10,7 +10,7 @@ signatures are equal are one root (`degree.signature_of`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -78,8 +78,13 @@ _CHOOSING: dict[int, Callable[..., Truths]] = {
     ca.OP_FABS: lambda a: values.real_of(a) < 0,
     ca.OP_FMIN: lambda a, b: values.real_of(a) <= values.real_of(b),
     ca.OP_FMAX: lambda a, b: values.real_of(a) >= values.real_of(b),
+    ca.OP_COPYSIGN: lambda size, signed: values.real_of(signed) < 0,
+    ca.OP_SIGN: lambda a: values.real_of(a) < 0,
 }
 """Operations that choose between expressions, and which one they choose."""
+
+_OF_CONDITIONS = (ca.OP_NOT, ca.OP_AND, ca.OP_OR)
+"""Operations of conditions whose result is a condition, which may choose in its turn."""
 
 _ROOTS = (ca.OP_SQRT, ca.OP_ACOS, ca.OP_ASIN, ca.OP_ATAN, ca.OP_ATAN2)
 """Operations with a root in them."""
@@ -90,7 +95,7 @@ class Notes:
     """What a proof must say of the repeated operations.
 
     Attributes:
-        conditions: the answers (k,) of each condition that chooses between expressions.
+        conditions: the answers (k,) of each condition that chooses between expressions or is used as a number.
         inexact: operations that are the first to make a value unknown in the field at all states.
         roots: each root with the instruction that draws it.
         rootless: whether a constant has no root in the field; it may have one modulo another prime.
@@ -177,8 +182,7 @@ def _real(operation: int, operands: Sequence[Value]) -> Array:
 def _note(notes: Notes, step: Instruction, operands: Sequence[Value], result: Value) -> None:
     """Note which expressions an instruction chooses, its root, and whether it is the first without an exact value."""
     operation = step.operation
-    if operation in _CHOOSING:
-        notes.conditions.append(_CHOOSING[operation](*operands))
+    notes.conditions += _answers(operation, operands)
     old_roots: set[RootSignature] = set()
     for operand in operands:
         old_roots |= _roots(operand)
@@ -194,6 +198,20 @@ def _note(notes: Notes, step: Instruction, operands: Sequence[Value], result: Va
     notes.inexact.append(f"operation {OPERATION_NAMES.get(operation, operation)}")
     if operation in _ROOTS and all(map(_is_constant, operands)):
         notes.rootless = True
+
+
+def _answers(operation: int, operands: Sequence[Value]) -> Iterator[Truths]:
+    """Yield the answers (k,) of the conditions by which an operation chooses, or that it uses as numbers."""
+    if operation in _CHOOSING:
+        yield _CHOOSING[operation](*operands)
+    if operation in _OF_CONDITIONS:
+        return
+    numbers = operands
+    if operation == ca.OP_IF_ELSE_ZERO:
+        numbers = operands[1:]
+    for number in numbers:
+        if isinstance(number, DrawnCondition):
+            yield number.real
 
 
 def _roots(value: Value) -> frozenset[RootSignature]:

@@ -34,6 +34,7 @@ _CHOICE_MARGINS = {
     ca.OP_FMIN: lambda a, b: b - a,
     ca.OP_FMAX: lambda a, b: a - b,
     ca.OP_COPYSIGN: lambda a, b: b,
+    ca.OP_SIGN: lambda a: a,
 }
 """Margins of operations that choose by themselves."""
 
@@ -199,8 +200,8 @@ class _Walk:
         if operation in _CHOICE_MARGINS:
             self.margins[step.number] = _CHOICE_MARGINS[operation](*operands)
             self.at_zero[step.number] = False
-            if operation == ca.OP_COPYSIGN:
-                self.at_zero[step.number] = None  # 0 and -0 have different signs
+            if operation in (ca.OP_COPYSIGN, ca.OP_SIGN):
+                self.at_zero[step.number] = None  # 0 and -0 have different signs, and `sign` has a third result there
             self.choosing.add(step.number)
         elif operation == ca.OP_IF_ELSE_ZERO and step.operands[0] not in self._conditions:
             self.margins[step.number] = ca.fabs(operands[0])
