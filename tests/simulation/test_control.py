@@ -11,7 +11,7 @@ from twin.core.errors import KinematicsError
 from twin.core.units import DEG, MM
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.simulation.controllers.clutch_test import clutch, play
+from twin.simulation.controllers.clutch_test import clutch_report, play
 from twin.simulation.controllers.jacobian_step import pose_error, step
 from twin.simulation.controllers.teleoperation import Gains, Teleoperation
 from twin.simulation.limits import JointLimits
@@ -113,13 +113,13 @@ def make(clutch_="corrected", n=5, **gains):
 
 def test_re_clutching_moves_nothing_when_the_offset_is_latched():
     for gains in ({}, {"ki": 1.0, "kd": 0.01}, {"scale": 1.0, "kp": 20.0}):
-        report = clutch(make(**gains))
+        report = clutch_report(make(**gains))
         assert report.keeps, report
 
 
 def test_re_clutching_as_printed_jumps_by_the_scaled_way_of_the_hand():
     for scale in (0.1, 1.0):
-        report = clutch(make("printed", scale=scale))
+        report = clutch_report(make("printed", scale=scale))
         assert not report.keeps
         assert report.jump == pytest.approx(scale * report.handle, rel=1e-3)
 

@@ -14,6 +14,7 @@ from twin.cli import main
 from twin.core.errors import KinematicsError
 from twin.core.units import MM
 from twin.simulation.devices.hand import Goal, HandMotion, Tremor, minimum_jerk
+from twin.simulation.operator_trials import Trial, _missed
 from twin.simulation.trial import Record, measure, operate, remaining
 
 
@@ -121,6 +122,19 @@ def test_contact_is_by_depth_and_by_the_distance_from_the_axis(end, touches):
     record = a_record([1, 1], [(0, 0, 9 * MM), np.array(end) * MM], {"in": (0, 1)})
     goal = Goal("in", np.eye(4), 1e-4, True)
     assert measure(record, [goal], np.eye(4), np.array([0.0, 0, -1])).contacts["in"] is touches
+
+
+def test_a_goal_given_up_after_every_contact_is_a_disagreement():
+    """The operator touches in 0.5 mm of the end, but gives the insertion up, or the retraction after it."""
+    record = a_record([1, 1], [(0, 0, 9 * MM), (0, 0, 0.4 * MM)], {"in": (0, 1)})
+    goal = Goal("in", np.eye(4), 1e-4, True)
+    measures = measure(record, [goal], np.eye(4), np.array([0.0, 0, -1]))
+    assert measures.success
+    assert _missed([Trial(3, record, measures)]) == []
+    record.missed = "out"
+    (finding,) = _missed([Trial(3, record, measures)])
+    assert finding.severity == "disagreement"
+    assert (finding.where, finding.message) == ("out", "seed 3: the operator gave up at 'out'")
 
 
 @pytest.mark.slow

@@ -18,12 +18,15 @@ from twin.core.units import MM, UM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
-from twin.simulation.controllers.clutch_test import ClutchReport, clutch
+from twin.simulation.controllers.clutch_test import ClutchReport, clutch_report
 from twin.simulation.controllers.jacobian_step import Solver
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation, scales_of
 from twin.simulation.devices.hand import Goal
 from twin.simulation.limits import JointLimits
 from twin.simulation.trial import Measures, Record, goals_of, measure, operate
+
+_PERIOD = 1 / 200
+"""Duration in s of a tick of the teleoperation; ASSUMED."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,8 @@ class Operated(Result):
         T_tool_tip: (4, 4) pose of the tip in the tool frame.
         goals: goals of the operator, in order.
         trials: one trial per seed.
-        findings: findings on goals that were not reached, and on a clutch that causes a jump.
+        findings: findings on insertions without contact, on goals that the operator gave up, and on a clutch that
+            causes a jump.
     """
 
     robot: str
@@ -136,7 +140,7 @@ def run_trials(
     protocol: Protocol,
     trials: int,
     seed: int,
-    clutch_as: Clutch,
+    clutch: Clutch,
     scale: float,
     solver: Solver,
     progress: Progress,
@@ -150,7 +154,7 @@ def run_trials(
         protocol: the protocol; the ends of its phases are the goals.
         trials: number of trials, with the seeds seed, seed + 1, ...
         seed: seed of the first trial.
-        clutch_as: variant of the clutch, eq. (7) of the SHER simulation paper, "printed" or "corrected".
+        clutch: variant of the clutch, eq. (7) of the SHER simulation paper, "printed" or "corrected".
         scale: tool translation divided by handle translation; rotations are not scaled.
         solver: solver of the joint step.
         progress: called with a description of the current step and the fraction done.
@@ -165,7 +169,7 @@ def run_trials(
     scales = scales_of(kin, scale)
 
     def controller() -> Teleoperation:
-        return Teleoperation(Gains(scale=scales), 1 / 200, clutch_as, len(scales))
+        return Teleoperation(Gains(scale=scales), _PERIOD, clutch, len(scales))
 
     start = kin.inverse(start_pose)
     finished_trials = []
@@ -183,14 +187,14 @@ def run_trials(
         robot=name,
         protocol=protocol.name,
         title=protocol.title,
-        clutch=clutch_as,
+        clutch=clutch,
         scale=scale,
         solver=solver,
         columns=(kin.formula.coordinates.names, [joint.name for joint in mechanism.active]),
         T_tool_tip=T_tool_tip,
         goals=goals,
         trials=finished_trials,
-        findings=[*_jump(clutch(controller)), *_missed(finished_trials)],
+        findings=[*_jump(clutch_report(controller)), *_missed(finished_trials)],
     )
 
 
@@ -219,16 +223,22 @@ def _jump(report: ClutchReport) -> list[Finding]:
 
 
 def _missed(trials: Sequence[Trial]) -> list[Finding]:
+    """Return a finding for each trial with an insertion without contact, or with a goal that was given up."""
     findings = []
     for trial in trials:
         untouched = []
         for goal, touched in trial.measures.contacts.items():
             if not touched:
                 untouched.append(goal)
-        if not untouched:
+        given_up = trial.record.missed
+        faults = []
+        if untouched:
+            faults.append(f"no contact in {', '.join(untouched)}")
+        if given_up:
+            faults.append(f"the operator gave up at '{given_up}'")
+        if not faults:
             continue
-        text = f"seed {trial.seed}: no contact in {', '.join(untouched)}"
-        if trial.record.missed:
-            text += f"; the operator gave up at '{trial.record.missed}'"
-        findings.append(disagreement("task.missed", untouched[0], text))
+        # a goal may be given up after every contact, such as the retraction after the last insertion
+        where = untouched[0] if untouched else given_up
+        findings.append(disagreement("task.missed", where, f"seed {trial.seed}: {'; '.join(faults)}"))
     return findings

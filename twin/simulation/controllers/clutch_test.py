@@ -43,7 +43,7 @@ def play(controller: Teleoperation, handle: Array, pedal: Array, tool: Array) ->
     return np.array(positions)
 
 
-def clutch(new_controller: Callable[[], Teleoperation]) -> ClutchReport:
+def clutch_report(new_controller: Callable[[], Teleoperation]) -> ClutchReport:
     """Test the clutch: press, release, move the handle by `_DISTANCE`, press again; each step lasts `_STEP_TIME`.
 
     The controller passes if the tool does not move after the second press.
