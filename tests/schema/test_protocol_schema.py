@@ -12,6 +12,10 @@ from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
 from twin.core.errors import DescriptionError
+from twin.model.contact import ObjectTable
+from twin.model.scene import ProtocolSource
+from twin.planning.protocol.phase_table import JointKey
+from twin.planning.protocol.phases.samples import SamplesTable
 from twin.schema import Identifier, LimitRange, Range, Table, Vector, at, error_at, key_lines, load_toml, parse_toml
 
 
@@ -223,3 +227,25 @@ def test_every_value_of_a_generated_file_is_located(data):
             walk(child, (*keys, key))
 
     walk(tomllib.loads(text), ())
+
+
+class Patterned(Table):
+    protocol: ProtocolSource = "a"
+    joints: dict[JointKey, float] = {}  # noqa: RUF012
+    other: Annotated[str, Field(pattern="^[0-9]$")] = "1"
+
+
+@pytest.mark.parametrize(
+    ("text", "model", "expected"),
+    [
+        ('color = "#12345G"', ObjectTable, 'color = "#12345G": must be # and six digits or letters from a to f'),
+        ('protocol = "a.tml"', Patterned, 'protocol = "a.tml": must be the name of a protocol, or a file whose name'),
+        ('file = "a.txt"', SamplesTable, 'file = "a.txt": must be the name of a file that ends with .csv'),
+        ("joints.q1_um = 3", Patterned, "joints.q1_um = 3: the key must be the name of a joint and its unit: NAME_deg"),
+        ('other = "a"', Patterned, 'other = "a": must match the regular expression ^[0-9]$'),
+    ],
+)
+def test_a_text_that_is_no_identifier_is_not_judged_as_one(text, model, expected):
+    with pytest.raises(DescriptionError) as caught:
+        parse_toml(text, model, "r.toml")
+    assert f"r.toml:1: {expected}" in str(caught.value)

@@ -185,6 +185,15 @@ _KINDS |= {"bool_type": "true or false", "tuple_type": "a list", "list_type": "a
 _KINDS |= {"model_type": "a table", "model_attributes_type": "a table", "int_from_float": "a whole number"}
 """{type of an error of pydantic: what is expected}."""
 
+_PATTERNS = {
+    "^[a-z][a-z0-9_]*$": "must begin with a lower-case letter and contain only lower-case letters, digits and _",
+    "^[a-z][a-z0-9_]*_(deg|mm)$": "the key must be the name of a joint and its unit: NAME_deg or NAME_mm",
+    "^#[0-9a-f]{6}$": "must be # and six digits or letters from a to f, as #1a80c0",
+    r"^([a-z][a-z0-9_]*|.+\.toml)$": "must be the name of a protocol, or a file whose name ends with .toml",
+    r"^[^/\\]+\.csv$": "must be the name of a file that ends with .csv, without a folder",
+}
+"""{pattern of a text in a file that people write: what is expected}."""
+
 
 def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObject]) -> str:
     """Return the message about a value that does not match the JSON Schema nodes of its place."""
@@ -230,7 +239,8 @@ def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObje
     if kind in ("too_long", "too_short") and isinstance(value, Sized):
         return f"the list has {len(value)} values{also}"
     if kind == "string_pattern_mismatch":
-        return "must begin with a lower-case letter and contain only lower-case letters, digits and _"
+        pattern = context["pattern"]
+        return _PATTERNS.get(pattern, f"must match the regular expression {pattern}")
     if kind in ("at_key", "swapped"):
         return context["text"]
     return item["msg"].removeprefix("Value error, ") + also
