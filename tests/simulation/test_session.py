@@ -82,6 +82,12 @@ class Free:
         return spatial.pose(None, q)
 
 
+def test_a_surgeon_with_one_arm_is_told_that_two_are_needed():
+    arms = {"right": SeenArm("psm1", Free(), np.eye(4), np.eye(4))}
+    with pytest.raises(WorldError, match=r"one arm \(right\).*give an arm for the right hand and one for the left"):
+        ScriptedSurgeon(Seat("pedals", arms, "ecm", 70 * DEG, 0.5), [], 1 * MM, 0.1)
+
+
 class Room:
     """In place of a console: hands move points at a scale, the camera pedal drags the picture; no limits."""
 

@@ -50,6 +50,13 @@ _MOVE_BACK = 0.6
 _SHORTEST_STROKE = 0.35
 """Shortest duration of a stroke in s; ASSUMED."""
 
+_SHOW_TIME = 0.3
+"""Time in s in which both handles are turned to meet the start condition; ASSUMED."""
+
+_SHORT_REST = 0.1
+"""Time in s for which the hands rest after they have pressed or released a pedal, or met the start condition; ASSUMED.
+"""
+
 _CENTRED_SHARE = 0.4
 """Size of the area into which the camera is moved once its pedal is pressed, divided by `Habits.central`; ASSUMED."""
 
@@ -100,7 +107,8 @@ class Seat:
 
     Attributes:
         device: name of the device of the pedals.
-        arms: {hand: its arm}; first the right hand, then the left hand, if the console has two hands.
+        arms: {hand: its arm}; first the right hand, then the left hand, if the console has two hands. `SurgeonHands`
+            needs two; a pen needs one.
         camera: name of the arm of the camera.
         view: angle of view over the height of the picture, in rad.
         scale: motion scale of the console; the surgeon divides displacements by this scale.
@@ -145,7 +153,16 @@ class SurgeonHands(SimulatedHands):
     """
 
     def __init__(self, seat: Seat, habits: Habits) -> None:
-        """Connect the surgeon to a console; `habits`: parameters of the surgeon."""
+        """Connect the surgeon to a console; `habits`: parameters of the surgeon.
+
+        Raises:
+            WorldError: the seat has one arm only.
+        """
+        if len(seat.arms) != 2:
+            raise WorldError(
+                f"the surgeon has one arm ({', '.join(seat.arms)}), but this task is done with two hands; "
+                "give an arm for the right hand and one for the left"
+            )
         self.device = seat.device
         self.arms = dict(seat.arms)
         self.camera = seat.camera
@@ -219,11 +236,11 @@ class SurgeonHands(SimulatedHands):
 
     def _show(self) -> Iterator[None]:
         """Turn both handles a little, as the start condition requires."""
-        for s in self._done_shares(0.3):
+        for s in self._done_shares(_SHOW_TIME):
             R = spatial.rotation_z(s * self.habits.show)
             self._rotations = dict.fromkeys(self.arms, R)
             yield
-        yield from self._rest(0.1)
+        yield from self._rest(_SHORT_REST)
 
     def _look(self, points: Mapping[str, Array]) -> Iterator[None]:
         """Move the camera until the mean of the points is near the middle of the picture."""
@@ -238,12 +255,12 @@ class SurgeonHands(SimulatedHands):
                 break
             if not self._camera:
                 self._camera = True
-                yield from self._rest(0.1)
+                yield from self._rest(_SHORT_REST)
             displacement = -np.append(middle[:2], 0.0) / self.habits.drag
             yield from self._stroke(dict.fromkeys(self.arms, displacement), self.habits.settle)
         if self._camera:
             self._camera = False
-            yield from self._rest(0.1)
+            yield from self._rest(_SHORT_REST)
 
     def _misjudged(self, displacement: Array) -> Array:
         """Return a displacement (3,) with a random error of judgement in every direction."""
@@ -256,7 +273,8 @@ class SurgeonHands(SimulatedHands):
         """Move the hands by displacements (3,) in m and rotations (3,) in rad.
 
         If a hand would leave its range, all displacements and rotations are shortened by the same factor. If this
-        factor is below 5 %, the hands instead move back to the middle of their ranges with the clutch pressed.
+        factor is below `_LEAST_STROKE`, the hands instead move back to the middle of their ranges, with the clutch
+        pressed.
         """
         hand = self.habits.hand
         factor = 1.0
@@ -288,7 +306,7 @@ class SurgeonHands(SimulatedHands):
         yield from self._move(self._middle, _MOVE_BACK)
         yield from self._rest(self.habits.clutched)
         self._clutch = False
-        yield from self._rest(0.1)
+        yield from self._rest(_SHORT_REST)
 
     def _move(
         self, targets: Mapping[str, Array], seconds: float, turns: Mapping[str, Array] | None = None

@@ -4,6 +4,10 @@ Both hands work at the same time, each with a ring for a peg on its side: they o
 from the side, lift the ring, pull it off, rotate it on the way to its peg, put it over the end of the peg, and open. If
 a ring slips before it has left its first peg, the hand tries again; a ring that has fallen to the floor is left there.
 The motion of the hands is in `devices.surgeon_hands`; all habits are ASSUMED.
+
+In the tool frame, z points ahead, out of the jaws, and the jaws close along y; they are interchangeable. The tip of the
+jaws is at `SeenArm.T_tool_tip`. The z axis of a ring's pose is the ring's axis; that of the picture points from the
+scene towards the camera.
 """
 
 from __future__ import annotations
@@ -23,6 +27,16 @@ from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, SURGE
 
 _TRIES = 3
 """Number of grasps of a ring after which the surgeon gives up this ring."""
+
+_FLAT = 0.8
+"""Cosine of the angle between a ring's axis and the vertical above which the ring counts as lying flat; ASSUMED."""
+
+_REST_BEFORE = 0.3
+_REST_AFTER = 0.5
+_REST_CLOSED = 0.15
+_REST_OPENED = 0.3
+"""Times in s for which the hands rest: before and after the work, after the jaws have closed, and after they have
+opened; ASSUMED."""
 
 HABITS = Habits(hand=HandMotion(reach=(0.05, 2.5), speed=(0.08, 0.9), pause=0.3), open=30 * DEG, central=0.6)
 """Habits in handling rings: the hands turn further than in touching points, and wait less after a stroke."""
@@ -88,7 +102,8 @@ class RingSurgeon(SurgeonHands):
         """Connect the surgeon to a console; `rings`: the rings in the order of work."""
         self.rings = tuple(rings)
         self.manner = RingHabits()
-        self._turned: dict[str, float] = {}  # 1: the jaws' y axis is along the ring's axis at the grasp; -1: against it
+        # by hand: 1 if the tool's y axis points along a grasped ring's axis away from the camera, -1 if towards it
+        self._turned: dict[str, float] = {}
         self._numbers: dict[str, int] = {}  # of the grippers, as in `<ring>.holder`
         for k, eye in enumerate(seat.arms.values()):
             self._numbers[eye.robot] = k
@@ -97,7 +112,7 @@ class RingSurgeon(SurgeonHands):
         self._tried: dict[str, int] = {}
         for ring in rings:
             self._tried[ring.name] = 0
-        super().__init__(seat, HABITS)
+        super().__init__(seat, HABITS)  # last, because it calls `_output_signals`, which needs the attributes above
 
     def _output_signals(self, k: int) -> dict[str, ArrayLike]:
         values = super()._output_signals(k)
@@ -116,7 +131,7 @@ class RingSurgeon(SurgeonHands):
 
     def _lies(self, ring: Ring) -> bool:
         """Return whether a ring has fallen: it lies flat, and not around its peg."""
-        is_flat = abs(self._ring(ring)[2, 2]) > 0.8
+        is_flat = abs(self._ring(ring)[2, 2]) > _FLAT
         return is_flat and not self._around(ring)
 
     def _around(self, ring: Ring) -> bool:
@@ -132,7 +147,7 @@ class RingSurgeon(SurgeonHands):
     # -- actions: each generator yields once per tick -------------------------------------------------
 
     def _work(self) -> Iterator[None]:
-        yield from self._rest(0.3)
+        yield from self._rest(_REST_BEFORE)
         yield from self._show()
         while jobs := self._next():
             centres = {}
@@ -141,7 +156,7 @@ class RingSurgeon(SurgeonHands):
             yield from self._look(centres)
             yield from self._bring(jobs)
             self._judge(jobs)
-        yield from self._rest(0.5)
+        yield from self._rest(_REST_AFTER)
 
     def _next(self) -> dict[str, Ring]:
         """Return {hand: its next ring}; a ring is for the hand on the side where its peg is in the picture."""
@@ -181,7 +196,7 @@ class RingSurgeon(SurgeonHands):
         # seen again, because the first look was from afar
         yield from self._reach(self._grasps(jobs), manner.fine)
         yield from self._turn_grip(dict.fromkeys(jobs, 0.0))
-        yield from self._rest(0.15)
+        yield from self._rest(_REST_CLOSED)
         failed = []
         jobs_held = {}
         for hand, ring in jobs.items():
@@ -220,7 +235,7 @@ class RingSurgeon(SurgeonHands):
 
     def _let_go(self, hands: Sequence[str]) -> Iterator[None]:
         yield from self._turn_grip(dict.fromkeys(hands, self.habits.open))
-        yield from self._rest(0.3)
+        yield from self._rest(_REST_OPENED)
         drawn_back = {}
         for hand in hands:
             drawn_back[hand] = self._tool(hand) @ spatial.pose(p=[0, 0, -self.manner.before])
@@ -236,14 +251,17 @@ class RingSurgeon(SurgeonHands):
     def _grasp(self, hand: str, ring: Ring) -> Array:
         """Return the tool's pose (4, 4) in the World with the open jaws on both sides of a ring's wire.
 
-        The jaws point to the centre of the ring, from above and from the hand's side. They close along the ring's axis.
+        The jaws point to the centre of the ring, from above and from the hand's side: the direction of approach is in
+        the ring's plane, at the angle `RingHabits.side` from the vertical as projected on this plane. They close along
+        the ring's axis.
         """
         centre = self._ring(ring)[:3, 3]
-        n = -self._outwards(ring)
+        n = -self._outwards(ring)  # away from the camera
         right, _ = self.arms
         aside = self._view()[:3, 0]
         if hand != right:
             aside = -aside
+        # sideways and upwards within the plane of the ring
         aside = aside - n * (n @ aside)
         up = np.cross(n, np.cross([0.0, 0.0, 1.0], n))
         approach = np.cos(self.manner.side) * _unit(up) + np.sin(self.manner.side) * _unit(aside)
@@ -258,13 +276,19 @@ class RingSurgeon(SurgeonHands):
         return float(self.arms[hand].T_tool_tip[2, 3]) - self.manner.beyond
 
     def _over(self, hand: str, ring: Ring, height: float) -> Array:
-        """Return the tool's pose (4, 4) with the centre of the held ring at a height in m above the end of its peg."""
+        """Return the tool's pose (4, 4) with the centre of the held ring at a height in m above the end of its peg.
+
+        The side of the ring that was towards the camera at the grasp faces up, along the peg; tool and ring then tilt
+        together by `RingHabits.tilt`, the jaws downwards. The ring does not move in the jaws.
+        """
         T = self._tool(hand)
         T_ring = self._ring(ring)
         up = _unit(ring.end - ring.foot)
+        # the direction of the jaws, across the peg
         ahead = _unit(T[:3, 2] - up * (up @ T[:3, 2]))
         tilt = self.manner.tilt
         z = np.cos(tilt) * ahead - np.sin(tilt) * up
+        # the ring's axis, upwards, is -y or y, depending on how the ring was grasped
         y = -self._turned[hand] * (np.sin(tilt) * ahead + np.cos(tilt) * up)
         R = np.column_stack([np.cross(y, z), y, z])
         centre_in_tool = T[:3, :3].T @ (T_ring[:3, 3] - T[:3, 3])
