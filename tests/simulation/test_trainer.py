@@ -105,7 +105,7 @@ def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
 @pytest.mark.parametrize("side", nightly(["raven_left", "raven_right"], every=2))
 def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
     """As a hand does whose page stalls: no rehearsal is refused for the speed that this gives."""
-    parts, bounds = machine_parts(twin.load(side)), machine_scene.bounds(scene.trainer)
+    parts, bounds = machine_parts(twin.load(side)), machine_scene.trainer_limits(scene.trainer)
     model, random, fastest = MachineModelPlant("arm", parts, Cue(), parts.home), np.random.default_rng(1), 0.0
     at_rest = {
         "arm.phase": [TrainerPhase.REHEARSE, 0, 0],

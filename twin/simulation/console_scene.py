@@ -121,7 +121,7 @@ def world(
         controllers = rate_console.controllers(setup, table, device, q[table.right[0]], dt)
     else:
         controllers = _pose_controllers(setup, device, q, limits, dt)
-    machines = machine_scene.Machined(scene, parts or {})
+    machines = machine_scene.MachineBlocks(scene, parts or {})
     kins = {name: member.kin for name, member in members.items()}
     controllers += machines.controllers(PEDALS, kins, dt)
     plants: list[Block] = []
@@ -132,7 +132,7 @@ def world(
             controllers.append(_joint_controller(setup, name, x, limits[name]))
         plants.append(Kinematic(name, x, limits[name]))
     plants += machines.plants(q)
-    robots += machines.models(members)
+    robots += machines.placed_models(members)
     if setup.objects or setup.felt:
         plants.append(contact_scene.contact(setup, list(hands_of(scene)), q))
     deformables: Sequence[Deformable] = ()

@@ -1,4 +1,8 @@
-"""The machines of a scene in a World: their trainers (which write packets), models, and cues (forces on the hands)."""
+"""The machines of a scene in a World: their trainers (which write packets), models, and cues (forces on the hands).
+
+The model of a machine is a second robot of the World, named `<robot>_model`. A plant steps it with the same packets as
+the machine, and it stands where the machine stands.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +21,15 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import LONGEST_TAP
 from twin.simulation.controllers.tip_comparison import TipComparison
 from twin.simulation.controllers.trainer import Trainer
-from twin.simulation.controllers.trainer_states import MODE, TrainerLimits
+from twin.simulation.controllers.trainer_states import MODE, TrainerLimits, TrainerMode, mode_setting
 from twin.simulation.controllers.view_switch import ViewSwitch
 from twin.simulation.machine.machine_model_plant import MachineModelPlant
 from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.world import Block, Placed, Signals
 from twin.simulation.world.signal_kinds import CAMERA_VIEW, HAND_FORCE, HAPTICS_ON, ROBOT_CUE
 
-SETTINGS = {MODE: 0.0}
-"""Settings of the device of a console with machines."""
+SETTINGS = {MODE: mode_setting(TrainerMode.TELEOPERATE, 0)}
+"""Settings of the device of a console with machines, with their values at the start: teleoperation."""
 
 
 def machines(scene: Scene) -> tuple[str, ...]:
@@ -35,23 +39,30 @@ def machines(scene: Scene) -> tuple[str, ...]:
     return tuple(scene.trainer.robots)
 
 
-def bounds(table: TrainerTable) -> TrainerLimits:
+def trainer_limits(table: TrainerTable) -> TrainerLimits:
     """Return the limits of a trainer in SI."""
     return TrainerLimits(
-        table.speed_mm_s * MM,
-        table.turn_deg_s * DEG,
-        table.rehearsed_mm_s * MM,
-        table.replayed_mm_s * MM,
-        table.start_mm * MM,
-        table.start_deg * DEG,
-        table.deviation_mm * MM,
+        speed=table.speed_mm_s * MM,
+        turn=table.turn_deg_s * DEG,
+        rehearsed=table.rehearsed_mm_s * MM,
+        replayed=table.replayed_mm_s * MM,
+        start=table.start_mm * MM,
+        start_angle=table.start_deg * DEG,
+        deviation=table.deviation_mm * MM,
     )
 
 
-def cue(table: TrainerTable) -> Cue:
+def cue_law(table: TrainerTable) -> Cue:
     """Return the haptic cue of a trainer: the law of the force on a hand if machine and model deviate."""
-    c = table.cue
-    return Cue(c.reading, c.tol_mm, c.kp_n_mm, c.kd_ns_mm, c.largest_n, c.blend_mm)
+    cue = table.cue
+    return Cue(
+        reading=cue.reading,
+        tol=cue.tol_mm,
+        kp=cue.kp_n_mm,
+        kd=cue.kd_ns_mm,
+        most=cue.largest_n,
+        blend=cue.blend_mm,
+    )
 
 
 class MachineArm(Protocol):
@@ -63,8 +74,8 @@ class MachineArm(Protocol):
     def links(self) -> Callable[[Array], Mapping[str, Array]] | None: ...  # noqa: D102
 
 
-class Machined:
-    """Creates the controllers, models and cues for the machines of a World.
+class MachineBlocks:
+    """Creates the controllers, plants, placed models and cues for the machines of a World.
 
     Attributes:
         parts: {robot: compiled parts of its machine}; empty: there are no machines.
@@ -78,10 +89,16 @@ class Machined:
         self._table = scene.trainer if parts else None
 
     def controllers(self, device: str, kins: Mapping[str, Kinematics], dt: float) -> list[Block]:
-        """Return the block that switches the view, and the trainer of each machine."""
+        """Return the block that switches the view, and the trainer of each machine.
+
+        Args:
+            device: name of the device of the pedals.
+            kins: {robot: equations of its machine}.
+            dt: duration of a tick in s.
+        """
         if self._table is None:
             return []
-        limits = bounds(self._table)
+        limits = trainer_limits(self._table)
         blocks: list[Block] = [ViewSwitch(device, LONGEST_TAP)]
         for name, parts in self.parts.items():
             angles = np.array([j.is_angle for j in parts.arm.mechanism.active])
@@ -91,24 +108,24 @@ class Machined:
         return blocks
 
     def plants(self, q: Mapping[str, Array]) -> list[Block]:
-        """Return the models of the machines, which start at joint values q (n,)."""
+        """Return the plants that step the models, which start at joint values `q`, {robot: (n,) in m or rad}."""
         if self._table is None:
             return []
-        law = cue(self._table)
-        models: list[Block] = []
+        law = cue_law(self._table)
+        plants: list[Block] = []
         for name, parts in self.parts.items():
-            models.append(MachineModelPlant(name, parts, law, q[name]))
-        return models
+            plants.append(MachineModelPlant(name, parts, law, q[name]))
+        return plants
 
-    def models(self, members: Mapping[str, MachineArm]) -> list[Placed]:
-        """Return the models as robots of the World; each model has the mechanism of its machine."""
+    def placed_models(self, members: Mapping[str, MachineArm]) -> list[Placed]:
+        """Return the models as robots of the World; each has the mechanism of its machine in `members`, by robot."""
         if self._table is None:
             return []
-        models = []
+        placed = []
         for place in self._scene.models:
             arm = members[place.name.removesuffix(MODEL)]
-            models.append(Placed(place.name, arm.mechanism, place.T_world_base, arm.links))
-        return models
+            placed.append(Placed(place.name, arm.mechanism, place.T_world_base, arm.links))
+        return placed
 
     def cues(self, hands: Sequence[str]) -> list[Block]:
         """Return one block for each hand, which writes the force of the cues on this hand."""
@@ -116,7 +133,9 @@ class Machined:
         if table is None:
             return []
         camera = self._scene.cameras[table.camera].robot
-        places = {place.name: place for place in self._scene.places}
+        places = {}
+        for place in self._scene.places:
+            places[place.name] = place
         blocks: list[Block] = []
         for hand in hands:
             bases = {}

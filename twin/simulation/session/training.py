@@ -184,7 +184,7 @@ def _steps(
     phase = recording[ROBOT_PHASE.of(robot)]
     tip = kin.forward_many(recording[ROBOT_Q.of(robot)])[:, :3, 3]
     model = kin.forward_many(recording[f"{robot}{MODEL}.q"])[:, :3, 3]
-    bounds = machine_scene.bounds(table)
+    limits = machine_scene.trainer_limits(table)
     longest_lag = round(_LAG / recording.dt)
     changes = np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
@@ -200,7 +200,7 @@ def _steps(
             record = _apart(tip[first:end_row], rehearsed, longest_lag)
         part = deviation[first:end_row]
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
-        text = reason_text(TrainerReason(int(why)), float(value), bounds, robot)
+        text = reason_text(TrainerReason(int(why)), float(value), limits, robot)
         begin = float(t[first])
         end = float(t[first] + (end_row - first) * recording.dt)
         steps.append(TrainingSpan(TrainerPhase(int(phase_number)), begin, end, largest, record, text))

@@ -79,7 +79,7 @@ class LiveMachines:
         if self._trainer is None:
             return None
         signals = world.signals
-        bounds = machine_scene.bounds(self._trainer)
+        limits = machine_scene.trainer_limits(self._trainer)
         robots = {}
         for name, link in self._machines.links.items():
             phase, reason, value = signals[ROBOT_PHASE.of(name)]
@@ -90,7 +90,7 @@ class LiveMachines:
             robots[name] = {
                 "level": level,
                 "phase": TrainerPhase(int(phase)).name.lower(),
-                "why": reason_text(TrainerReason(int(reason)), float(value), bounds, name) or None,
+                "why": reason_text(TrainerReason(int(reason)), float(value), limits, name) or None,
                 "problem": link.problem or None,
             }
         view = "virtual" if signals[VIEW][0] > 0.5 else "real"
