@@ -16,7 +16,7 @@ from twin.core.errors import MechanismError, ProtocolError
 from twin.core.findings import Finding, disagreement, error, info
 from twin.core.json_types import JsonObject
 from twin.core.progress import Progress, silent
-from twin.core.quantity import Quantity, si
+from twin.core.quantity import si
 from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -418,9 +418,7 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
             limit = shown(claim.limit, claim.unit)
             text = f"{motion.protocol}: {name}: certainly {relation} {shown(reached, claim.unit)}"
             text += f", beyond its limit {limit}"
-            size = Quantity(reached)
-            if claim.unit != "1":
-                size = si(reached, claim.unit)
+            size = si(reached, claim.unit)
             findings.append(disagreement("prove.limit", claim.name, text, size, when=when, word=""))
         elif claim.status == "unproved":
             unproved.setdefault(claim.reason, []).append(name)

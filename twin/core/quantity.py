@@ -15,7 +15,7 @@ _METRES_FROM = 1e4
 class Quantity:
     """A value and its unit. JSON keeps this unit; `str` converts the value to a unit that suits its size ("12.3 nm").
 
-    `mm`, `um`, `deg` and `moved` create quantities from SI values.
+    `mm`, `um`, `deg`, `moved` and `si` create quantities from SI values.
     """
 
     value: float
@@ -53,6 +53,14 @@ def moved(value: float, angle: bool, per: str = "") -> Quantity:
 
 
 def si(value: float, unit: str) -> Quantity:
-    """Return a value in `unit` ("m", "rad", "m/s", "rad/s", ...) as a quantity in mm or degrees, or a rate of these."""
+    """Return a value in an SI unit as a quantity.
+
+    From "m", "rad", "m/s", "rad/s2", ..., the quantity is in mm or degrees, or a rate of these. Other units are kept;
+    "1", that of a number without a unit, becomes "".
+    """
     base, slash, per = unit.partition("/")
-    return moved(value, base == "rad", slash + per)
+    if base in ("m", "rad"):
+        return moved(value, base == "rad", slash + per)
+    if unit == "1":
+        return Quantity(value)
+    return Quantity(value, unit)
