@@ -197,7 +197,7 @@ def test_what_to_do_is_under_the_verdict_on_the_terminal_and_on_the_first_screen
     from twin.cli import reports
     from twin.ui.report import render_html
 
-    assert reports.finish([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
+    assert reports.print_reports([(printed, Path("here"))], SimpleNamespace(json=False)) == 1
     said = capsys.readouterr().out
     assert "DISAGREE: equations (A) and CAD (B) differ" in said
     lines = [line.strip() for line in said.splitlines()]

@@ -58,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
             report = api.validate(robot, protocol=protocol, stage=stage, baked=True, progress=progress)
             report = fix_search.with_fix(report, protocol, progress)
             progress("report", 0.0)
-            reports.write(report, work / report.protocol, root, robot)
+            reports.write_report(report, work / report.protocol, root, robot)
             written_reports.append((report, root / report.protocol))
-    code = reports.finish(written_reports, args)
+    code = reports.print_reports(written_reports, args)
     if not args.json:
         print(f"  stage: {root / stage.relative_to(work)}")
         print(f"  next:  twin view {args.robot}   (drag the tool in the browser)")

@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         root = Path(args.out)
     for protocol, variants in jobs:  # before planning and judging, which take minutes
-        assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
+        assets.require_writable(root / reports.folder_name(robot.protocol(protocol).name, variants))
     fix_search = FixSearch(robot)
     written_reports = []
     with show.progress(args.quiet or args.json) as progress:
@@ -99,15 +99,15 @@ def run(args: argparse.Namespace) -> int:
                 )
                 report = fix_search.with_fix(report, protocol, progress)
                 progress("report", 0.0)
-                folder = root / reports.folder(report.protocol, variants)
+                folder = root / reports.folder_name(report.protocol, variants)
                 with assets.atomic_folder(folder) as work:
-                    reports.write(report, work, root, robot)
+                    reports.write_report(report, work, root, robot)
                 written_reports.append((report, folder))
         proofs = []
         if args.prove:
             for variants in variants_of_each(robot, args.variant):
                 proofs.append(_proved(robot, variants, root, progress))
-    return reports.finish(written_reports, args, proofs)
+    return reports.print_reports(written_reports, args, proofs)
 
 
 def _ways_out(robot: str) -> str:
@@ -123,7 +123,7 @@ def _proved(robot: Robot, variants: dict[str, str] | None, root: Path, progress:
 
     # Loaded by name, as what writes pages: without --prove, nothing of a proof is reached from here.
     result = import_module("twin.api.proof").prove(robot, variants, progress=progress)
-    folder = root / reports.folder("prove", variants)
+    folder = root / reports.folder_name("prove", variants)
     with assets.atomic_folder(folder) as work:
         result_files.write_result(result, work)
     return result, folder
