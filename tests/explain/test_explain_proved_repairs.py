@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 import twin
-from twin.api.proved_repairs import ProverOfRepairs, _verdict
+from twin.api.repair_prover import EquationsRepairProver, _verdict
 from twin.formula import variant_choice
 from twin.proof.equality import equal_outputs
 from twin.robots import load_formula
@@ -50,7 +50,7 @@ def cure(formula, new):
 
 def judged(lapbot, formula, *news):
     found = GroupResult([], [cure(formula, new) for new in news], None, 0.0, 1.0, len(news))
-    (result,) = with_proofs(formula, [found], ProverOfRepairs(lapbot, None))
+    (result,) = with_proofs(formula, [found], EquationsRepairProver(lapbot, None))
     return result
 
 

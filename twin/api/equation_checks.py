@@ -185,7 +185,7 @@ def explain(
     prover = None
     if prove:
         # Loaded by name: without it, nothing of a proof is reached from here.
-        prover = import_module("twin.api.proved_repairs").ProverOfRepairs(robot, variants)
+        prover = import_module("twin.api.repair_prover").EquationsRepairProver(robot, variants)
     return explain_(
         robot.name,
         formula,

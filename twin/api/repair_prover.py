@@ -1,4 +1,4 @@
-"""Proofs of the repairs that `explain` proposes."""
+"""A prover of the repairs that `explain` proposes, for the equations of a robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NAMED_CLAIMS = 3
 """Number of claims that are named."""
 
 
-class ProverOfRepairs:
+class EquationsRepairProver:
     """Proves repaired equations of one robot; see `RepairProver`."""
 
     def __init__(self, robot: Robot, variants: Mapping[str, str] | str | None) -> None:
