@@ -265,6 +265,14 @@ def test_a_clock_that_goes_back_stops_the_machine(master):
     assert not master.arm.dac.any()
 
 
+@pytest.mark.parametrize("t", [1.0, np.nan])
+def test_a_clock_that_does_not_advance_is_not_said_to_go_back(master, t):
+    master.arm.t = 1.0
+    master.arm.step(t)
+    assert master.arm.plc.level == Level.E_STOP
+    assert master.arm.reason == f"the clock did not advance: 1 s was followed by {t:g} s"
+
+
 def test_gains_that_oscillate_stop_the_machine(parts):
     """The proportional gain times 40 and no damping: the arm swings until a check stops it, then brakes hold."""
     table = parts.settings

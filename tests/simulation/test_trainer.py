@@ -750,6 +750,7 @@ def test_joint_packets_are_read_in_order(packets):
         (pack_joints(6, 1.1, Q * np.nan), "a", "not finite"),
         (pack_joints(5, 1.1, Q), "a", "the packet number 5 is not above the previous one, 5"),
         (pack_joints(6, 0.9, Q), "a", "the clock went back from 1 s to 0.9 s"),
+        (pack_joints(6, 1.0, Q), "a", "the clock did not advance: 1 s was followed by 1 s"),
         (pack_joints(6, 1.1, Q), "b", "b is a second sender; a is followed until it has been silent for 0.5 s"),
     ],
 )

@@ -127,7 +127,9 @@ class JointPackets:
         if number <= self._last_number:
             raise DeviceError(f"the packet number {number} is not above the previous one, {self._last_number}")
         if not t > self._last_time:
-            raise DeviceError(f"the clock went back from {self._last_time:g} s to {t:g} s")
+            if t < self._last_time:
+                raise DeviceError(f"the clock went back from {self._last_time:g} s to {t:g} s")
+            raise DeviceError(f"the clock did not advance: {self._last_time:g} s was followed by {t:g} s")
         self._sender = sender
         self._last_number = number
         self._last_time = t

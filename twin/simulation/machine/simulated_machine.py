@@ -149,7 +149,10 @@ class Machine:
         Invalid packets have no effect; `receiver` counts them.
         """
         if not t > self.t:
-            self.plc.stop(f"the clock went back from {self.t:g} s to {t:g} s")
+            text = f"the clock went back from {self.t:g} s to {t:g} s"
+            if not t < self.t:  # equal, or not a number
+                text = f"the clock did not advance: {self.t:g} s was followed by {t:g} s"
+            self.plc.stop(text)
             t = self.t
         self.t = t
         software = self.software
