@@ -1,11 +1,13 @@
 """Check that the gains of a machine are stable: eigenvalues of the sampled control loop at a posture.
 
 Near rest, and without Coulomb friction, limits and gravity, a tick is linear in joint values q, rates v, filtered motor
-rates w and the integral s of the motor errors (A q: motor angles, h: duration of a tick, c: low-pass fraction):
+rates w and the integral s of the motor errors (A q: motor angles, h: duration of a tick, c: low-pass fraction,
+V: diagonal matrix of the viscous friction at the joints):
 
     w' = w + c (A (q - q_before) / h - w)        s' = s - h A q
     (M + h V) v' = M v + h A^T (-kp A q - kd w' + ki s')        q' = q + h v'
 
+kp, kd and ki are the gains of `settings.Motor`, which are stated at the output of the gear, divided by the gear ratio.
 A motion with an eigenvalue outside the unit circle grows from tick to tick. M is the mass matrix of
 `twin.reference.dynamics`, not the compiled mass matrix of the plant.
 """
