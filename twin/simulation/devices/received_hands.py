@@ -31,7 +31,7 @@ from twin.simulation.world.signal_kinds import (
 _LARGEST_GAP = 1000
 """Largest gap in the sequence numbers of received states that counts as packet loss.
 
-After a larger gap, states are rejected until the device has been silent."""
+After a larger gap, the states of that hand are ignored until the hand has been silent."""
 
 _SEQUENCE_COUNT = 2**32
 """Number of different sequence numbers: they have 32 bits, and begin again at 0."""
@@ -61,9 +61,11 @@ class ReceivedHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
     `<hand>.lost` counts the states of a hand that did not arrive: the gaps in the sequence numbers. `<device>.clutch`
-    and `<device>.camera` are the pedals; `<device>.ignored` counts the hand states and motion scales that were ignored.
+    and `<device>.camera` are the pedals; a pedal is pressed if the last state of either hand says so. `<device>.scale`
+    is the motion scale; `<device>.ignored` counts the hand states and motion scales that were ignored.
     `<device>.haptics` is 1 if the forces on the hands are switched on. `<device>.silent` is 1 if a hand that moves a
-    robot has sent no state for `patience` seconds; nothing moves until that hand sends a state.
+    robot has sent no state for `patience` seconds; nothing moves until that hand sends a state. The signals in
+    `settings` are written under their own names.
     """
 
     def __init__(
