@@ -53,7 +53,8 @@ class RosHands:
 
     Attributes:
         device: the input device.
-        holder: name of another device that controls the hands; None: no other. Then all messages are refused.
+        holder: name of another device that controls the hands; None: no other device. While a name is set, all poses
+            are refused; pedals and grips are still stored.
         refused: number of refused poses.
         time: function that returns the time in s of the World.
         ended: function that returns why the World is at rest, or "".
@@ -137,7 +138,10 @@ class RosHands:
         return handle.client
 
     def leave(self, client: str) -> None:
-        """Forget a client that has disconnected: its hands become silent, its pedals are released."""
+        """Forget a client that has disconnected: other clients can control its hands, and its pedals are released.
+
+        `silent` still counts its last pose.
+        """
         self._client_inputs.pop(client, None)
         self._waiting = deque(waiting for waiting in self._waiting if waiting[0] != client)
         for handle in self._controls:
