@@ -1100,6 +1100,14 @@ def test_a_single_late_tick_is_made_up_for():
     assert sent(12, 13, at=11.4) == [12, 13]  # a message of the hands has moved the robots beyond it
 
 
+def test_a_server_that_was_not_started_can_be_closed():
+    closed = []
+    source = SimpleNamespace(state=lambda: {"type": "state"}, close=lambda: closed.append(source))
+    server = servers.StreamServer(source, {}, {}, AccessRules("127.0.0.1", 0, False, lambda token: None))
+    asyncio.run(server.close())
+    assert closed == [source]
+
+
 def test_a_slow_machine_does_not_fall_behind():
     """Each frame takes 1.2 ticks: as many are lost as without making up, and none begins two ticks late."""
     server = servers.StreamServer(SimpleNamespace(), {}, {}, AccessRules("127.0.0.1", 0, False, lambda token: None))

@@ -66,6 +66,12 @@ class StreamServer:
     """Server of the files and the stream of one source.
 
     Attributes:
+        source: source of the stream; its `send` is set to a function that sends a document to all clients.
+        hello: data of the robots for the first document that each client gets.
+        files: {path: file} that clients can load.
+        rules: which clients have access.
+        recording: recording of the stream; None: the stream is not recorded.
+        clients: connected clients.
         port: port on which the server listens; valid after `start`.
         stopping: event that ends the server.
     """
@@ -84,6 +90,7 @@ class StreamServer:
         self.hello = hello
         self.stopping = asyncio.Event()
         self.clients: list[Client] = []
+        self._server: Server | None = None  # None before `start`
         self._counter = ConnectionCounter()
         # Identifiers of clients by the token with which each can reconnect, also of clients that have disconnected.
         self._identifiers: dict[str, str] = {}
@@ -110,7 +117,7 @@ class StreamServer:
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Start listening on an address and a port; `context` enables TLS."""
         limits = WebSocketLimits(LONGEST_MESSAGE)
-        self._server: Server = await listen(
+        self._server = await listen(
             self._serve_client, host, port, self._check_request, self._counter, limits, context=context
         )
         first_socket = next(iter(self._server.sockets))
@@ -138,7 +145,8 @@ class StreamServer:
         if self._response_timer is not None:
             self._response_timer.cancel()
         self._send_state()
-        await end(self._server)
+        if self._server is not None:
+            await end(self._server)
         self.source.close()
         if self.recording is not None:
             write = self.recording.finish()
