@@ -108,6 +108,7 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
         last = phase_names[-1]
         text = f"the instrument is in the patient after the last phase, '{last}': add a retraction to depth 0 first"
         raise error_at(protocol, ("phases", len(phase_names) - 1), text)
+    # A protocol states the position of the frame that it moves, but the rotation of the tool (see `protocol.course`).
     waypoint = {
         "position_mm": _rounded_list((T @ T_tool_frame)[:3, 3] / MM, "mm"),
         "angles_deg": _rounded_list(angles_of(T[:3, :3], loaded.rotation, _last_angles(loaded)) / DEG, "deg"),
