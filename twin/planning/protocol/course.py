@@ -114,10 +114,10 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
 
 
 def angles_of(R: Array, order: RotationOrder, reference: Array) -> Array:
-    """Return the angles (3,) in rad of R (3, 3) about the axes of `order`: of all solutions, the nearest to `near`.
+    """Return the angles (3,) in rad of R (3, 3) about the axes of `order` that are the nearest to `reference`.
 
-    The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If
-    the middle angle is a right angle, the first angle is taken from `near`.
+    The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If the middle
+    angle is a right angle, the first angle is taken from `reference`, (3,) in rad.
     """
     a, b, c = spatial.euler_angles(R, order, reference[0])
     # the same rotation with the other sign of the middle angle's cosine
