@@ -103,12 +103,16 @@ def export(
     Args:
         robot: a robot with CAD, its name or its folder; or a USD stage (with the motion baked in the stage, if any); or
             a description file, which is exported without motion.
-        trajectory: a planned trajectory as the only motion; None: the motions of the protocols.
+        trajectory: a planned trajectory as the only motion; None: the motions of the protocols. Its protocol is the
+            first in `protocols` or, without `protocols`, the one that the trajectory names.
         out: folder to write; default: ./twin-out/<robot>/export/.
         to: names of formats, as ["glb", "tracks"] or "glb,tracks"; default: all that `twin export --help` lists.
         protocols: names or paths; default: every protocol of the robot.
         budget: maximum interpolation errors between keys; the key rate is chosen accordingly.
         progress: see `Progress`.
+
+    Returns:
+        The written files, with the findings of the robot, the writers and the audit.
 
     Raises:
         TwinError: an input is missing or malformed; the folder stays unchanged.
