@@ -26,11 +26,15 @@ _SEED = 3
 """Seed of the direction in which effects are added: every run tries the same pairs."""
 
 _MOST_NEAR_EDITS = 50
-"""Maximum number of second edits whose effects are as near as this to what a first one leaves."""
+"""Maximum number of second edits for a first one: those whose effects are nearest to the residual that it leaves."""
 
 
 class PositionPairs:
-    """Search for pairs of edits that repair one row, by their positions in the text."""
+    """Search for pairs of edits that repair one row, by their positions in the text.
+
+    A position is a range of bytes in the file of the equations: a token or a longer expression. Residuals are in units
+    of the tolerance of their row.
+    """
 
     def __init__(self, trials: Trials) -> None:
         """Set up the search; `trials` evaluates pairs."""
@@ -39,12 +43,27 @@ class PositionPairs:
     def pairs_for(
         self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
-        """Return (pairs of edits with which a row agrees or nearly agrees, whether all pairs were tried).
+        """Return (pairs of edits with which a row agrees or nearly agrees, whether the search ended before `deadline`).
 
-        First, pairs of edits of any kind are tried if the effects of both edits add up to the residual, then those
-        with an edit of `shared`, which repairs other rows; then all pairs of one-token edits are tried.
+        Likely pairs are tried first. If none of them may be proposed as a repair, all pairs of one-token edits are.
+
+        Args:
+            row: the row.
+            singles: all single edits that were evaluated.
+            shared: those of them that repair other rows.
+            deadline: time limit.
         """
-        trials = self.trials
+        candidates = self._likely(row, singles, shared, deadline)
+        for candidate in candidates:
+            if candidate.may_be_proposed and candidate.worst_over([row], self.trials.worst_before) <= 1:
+                return candidates, True
+        of_tokens, complete = self._of_tokens(row, singles, deadline)
+        return candidates + of_tokens, complete
+
+    def _likely(
+        self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+    ) -> list[Candidate]:
+        """Try pairs of edits of any kind whose effects add up to the residual, then those with an edit of `shared`."""
         candidates: list[Candidate] = []
         seen_pairs: set[frozenset[int]] = set()
         likely_pairs = chain(self._additive(row, singles, deadline), self._with_shared(row, singles, shared, deadline))
@@ -53,12 +72,15 @@ class PositionPairs:
             if pair in seen_pairs or not _can_be_combined(a, b):
                 continue
             seen_pairs.add(pair)
-            candidate = trials.attempt(a.step, [a.edits[0], b.edits[0]])
+            candidate = self.trials.attempt(a.step, [a.edits[0], b.edits[0]])
             if candidate is not None:
                 candidates.append(candidate)
-        for candidate in candidates:
-            if candidate.may_be_proposed and candidate.worst_over([row], trials.worst_before) <= 1:
-                return candidates, True
+        return candidates
+
+    def _of_tokens(self, row: RowKey, singles: list[Candidate], deadline: Deadline) -> tuple[list[Candidate], bool]:
+        """Try the pairs of one-token edits of each equation; return (candidates, whether all pairs were tried)."""
+        trials = self.trials
+        candidates: list[Candidate] = []
         complete = True
         for step, edits in self._moving(row, singles):
             search = ReplacementPairs(
@@ -96,10 +118,12 @@ class PositionPairs:
         for first, effect in zip(candidates, effects, strict=True):
             missing = target - effect
             start, end = np.searchsorted(sorted_effects, [missing - _NEAR_DIFFERENCE, missing + _NEAR_DIFFERENCE])
-            for j in order[start : min(end, start + _MOST_NEAR_EDITS)]:
+            differences = np.abs(sorted_effects[start:end] - missing)
+            nearest = np.argsort(differences, kind="stable")[:_MOST_NEAR_EDITS]
+            for place in np.sort(nearest):
                 if deadline.passed:
                     return
-                yield first, candidates[j]
+                yield first, candidates[order[start + place]]
 
     def _with_shared(
         self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
