@@ -67,7 +67,7 @@ def pairs_found(search, *found):
 
 def single(search):
     c = candidate(0, scores={A: 0.0})
-    search._candidates = [c]
+    search.single_search.candidates = [c]
     return GroupResult([A], [[c]], None, 0.0, 9.0, 1)
 
 

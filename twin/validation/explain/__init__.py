@@ -7,10 +7,11 @@ The modules, from the equations to the result:
 
 - text of equations: `function_source`, `tokens`, `edit_tidying`, `augmented_assignments`
 - equations on arrays: `rebuilt_functions`, `plain_values`
-- values of the mechanism: `reference_values`, `judged_states`, `noise_limits`
+- values of the mechanism: `reference_values`, `judged_states`
 - rows compared with it: `equation_steps`, `row_deviations`, `swivel`, `suspect_statements`, `coverage`, `invariants`
 - edits to try: `name_pool`, `statement_edits`, `counterparts`, `analogies`, `term_texts`, `vector_texts`
-- one edit: `candidate`, `trials`, `dependence` with `determined_unknowns`, `formula_state`, `single_edits`
+- one edit: `candidate`, `trials`, `dependence` with `determined_unknowns`, `formula_state`, `single_edits`,
+  `single_search`
 - values that expressions must have: `expression_shifts`, `inverse_operations`, `expression`, `required_values`,
   `batched_solutions`
 - two edits: `pair_search` with `required_pairs`, `term_pairs`, `statement_pairs` and `operand_pairs`; then

@@ -27,8 +27,7 @@ from twin.validation.explain.explanation_data import Repair, WrongRow
 from twin.validation.explain.explanation_repairs import repair
 from twin.validation.explain.explanation_rows import wrong_margin, wrong_row
 from twin.validation.explain.invariants import invariants
-from twin.validation.explain.judged_states import judge_over_range, sample_states, sampled_values
-from twin.validation.explain.noise_limits import noise_limits
+from twin.validation.explain.judged_states import judge_over_range, noise_limits, sample_states, sampled_values
 from twin.validation.explain.parameter_coincidences import coincidences, condition
 from twin.validation.explain.possible_fixes import possible_fixes
 from twin.validation.explain.proved_repairs import RepairProver, with_proofs

@@ -1,4 +1,9 @@
-"""Sample the states of the mechanism at which a formula is judged: around its postures, or all over the joint range."""
+"""Sample the states of the mechanism at which a formula is judged: around its postures, or all over the joint range.
+
+If the CAD is noisy, rows differ there by its noise. The features are given further random errors of the size that the
+gaps of the joints show: for small errors, a row changes as much by the further errors as it differs by those in the
+CAD.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from twin.cad import frames
+from twin.cad.build import CadModel
+from twin.cad.noise import Noise, with_noise
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.progress import Progress, StepProgress, silent, silent_step
 from twin.core.spatial import Array
@@ -16,9 +24,10 @@ from twin.model.joint import Joint
 from twin.reference import Assembly, ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
+from twin.reference.newton import minimise
 from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.reference_values import ReferenceValues, symbol_values
-from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.row_deviations import Judge, Residuals
 from twin.validation.joint_range import range_errors
 from twin.validation.residual_rows import Tolerances
 
@@ -51,6 +60,15 @@ _WIDEST_SLIDE = 0.02
 
 _LEAST_CONDITIONING_RATIO = 0.1
 """A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""
+
+_DRAWN_MECHANISMS = 12
+"""Number of mechanisms with further random errors."""
+
+_NOISE_SEED = 1
+"""Seed of these errors: the same rows are explained by noise in every run."""
+
+_LIMIT_IN_SIGMAS = 5.0
+"""Differences up to so many standard deviations are explained by noise."""
 
 
 def sample_states(
@@ -229,3 +247,42 @@ def judge_over_range(
     if not judge.failing():
         return None
     return judge
+
+
+def noise_limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None) -> dict[str, Array]:
+    """Return the largest differences (k, 1) that noise of the CAD explains, by symbol, in units of the tolerance.
+
+    `judge` has states of the mechanism of `cad`. At a state where a symbol has no value with some of the further errors
+    (near the end of reach), its difference is not limited. A symbol that has a value in no draw is not in the result.
+    """
+    rng = np.random.default_rng(_NOISE_SEED)
+    draws: list[Residuals] = []
+    for _ in range(_DRAWN_MECHANISMS):
+        draws.append(_residuals_with_errors(noise, cad, judge, parameters, rng))
+    largest: dict[str, Array] = {}
+    for place, residual in judge.residuals.items():
+        changes: list[Array] = []
+        for residuals in draws:
+            if place in residuals:
+                changes.append(residuals[place] - residual)
+        if not changes:
+            continue
+        # About the judged mechanism, not about the mean of the draws: the errors in the CAD are one more draw.
+        sigma_of_entries = np.sqrt(np.square(changes).mean(axis=0))
+        # Entries of one value have similar errors; the largest of them is the most certain estimate.
+        sigma = sigma_of_entries.max(axis=1, keepdims=True)
+        known_sigma = np.where(np.isnan(sigma), np.inf, sigma)
+        limit = np.maximum(1.0, _LIMIT_IN_SIGMAS * known_sigma)
+        largest[place.symbol] = np.maximum(limit, largest.get(place.symbol, 1.0))
+    return largest
+
+
+def _residuals_with_errors(
+    noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, float] | None, rng: np.random.Generator
+) -> Residuals:
+    """Return the residuals at the driven joint values of `judge`, for a mechanism with further errors."""
+    faces = with_noise(cad.measured, noise.position, noise.direction, rng)
+    model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
+    assert judge.reference.run is not None
+    X, _ = minimise(model.tree, judge.reference.run.x.copy(), model.loops_only, model.tree.passive)
+    return judge.on(symbol_values(judge.formula, model.collect(X), model, parameters)).residuals
