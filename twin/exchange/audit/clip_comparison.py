@@ -12,7 +12,7 @@ from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import midway
-from twin.exchange.audit.pose_deviation import pose_deviation, poses_agree
+from twin.exchange.audit.pose_deviation import or_infinite, pose_deviation, poses_agree
 from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import (
@@ -105,11 +105,24 @@ def _compare_times(ledger: Ledger, clip: FileClip, ref: Reference, name: str) ->
         check = f"clip '{name}': key times against {ref.source}"
         when = _time_text(times[clip_keys][worst_key])
         ledger.row(check, float(differences[worst_key]), "s", TIME_TOL, when=when, against=ref.source)
-    shifted = len(times) == len(expected) and len(clip_keys) < len(ref_keys)
-    if shifted or len(clip_keys) < 2 < len(times):  # times differ: compare key by key
+    if len(clip_keys) < 2 < len(times) or _are_same_keys(times, expected, clip_keys, ref_keys):
         clip_keys = np.arange(min(len(times), len(expected)))
         ref_keys = clip_keys
     return clip_keys, ref_keys
+
+
+def _are_same_keys(times: Array, expected: Array, clip_keys: Array, ref_keys: Array) -> bool:
+    """Return whether two clips have the same keys at other times: some are shifted, or all by the same ratio.
+
+    Otherwise keys are missing and others added, and only those at the common times (`clip_keys`, `ref_keys`) are alike.
+    """
+    if len(times) != len(expected):
+        return False
+    if np.array_equal(clip_keys, ref_keys):
+        return True
+    end = float(times[-1])
+    expected_end = float(expected[-1])
+    return bool(np.all(np.abs(times * expected_end - expected * end) <= TIME_TOL * abs(end)))
 
 
 def _compare_names(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
@@ -277,6 +290,7 @@ def _compare_joint_values(
     """Compare the joint values at the common keys (`clip_keys`, `ref_keys`) of a clip and its reference."""
     times = clip.times[clip_keys]
     worst = 0.0
+    worst_tolerance = ROTATION_TOL
     where = ""
     when = ""
     count = 0
@@ -289,22 +303,24 @@ def _compare_joint_values(
         differences = np.abs(clip_values - ref_values)
         worst_key = int(np.argmax(differences))
         # Values of slides in files with few digits are rounded relative to their size.
-        tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(values).max(initial=0.0)))
-        if differences[worst_key] >= worst:
-            worst = float(differences[worst_key])
+        tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
+        difference = or_infinite(differences[worst_key])
+        if difference / tolerance >= worst / worst_tolerance:
+            worst = difference
+            worst_tolerance = tolerance
             where = joint
             when = _time_text(times[worst_key])
-        if not differences[worst_key] <= tolerance:
+        if difference > tolerance:
             value = float(clip_values[worst_key])
             ref_value = float(ref_values[worst_key])
             hint = _hint_of_degrees(value, ref_value)
             message = f"clip '{name}': joint '{joint}' is {value:.6g}; in {ref.source} it is {ref_value:.6g}.{hint}"
-            size = Measured(differences[worst_key], tolerance)
+            size = Measured(difference, tolerance)
             content.ledger.wrong("compare.joint", message, joint, size=size, when=_time_text(times[worst_key]))
     if not count:
         return
     text = f"clip '{name}': joint values against {ref.source}, {count} joints"
-    content.ledger.row(text, worst, "rad or m", ROTATION_TOL, where=where, when=when, against=ref.source)
+    content.ledger.row(text, worst, "rad or m", worst_tolerance, where=where, when=when, against=ref.source)
 
 
 def _hint_of_degrees(value: float, expected: float) -> str:
@@ -342,14 +358,14 @@ def _report_odd_references(
         sources[content.file] = content
     for name, rows in compared.items():
         ref = refs[name]
-        # Tracks are not counted: the JSON and the CSV track of a motion are written from the same numbers.
         wrong: list[_ClipComparison] = []
         counted = 0
         for row in rows:
-            if not row.agrees and not kind_holds(row.content.format, Holds.COORDINATES):
+            if row.content.repeats_track:  # a CSV track is written from the same numbers as the JSON track
+                continue
+            counted += 1
+            if not row.agrees:
                 wrong.append(row)
-            if not row.content.repeats_track:
-                counted += 1
         if ref.source not in sources or len(wrong) < 2 or len(wrong) < counted:
             continue
         first, *others = wrong
@@ -383,7 +399,7 @@ def _same_motion(clip: FileClip, other: FileClip, links: Sequence[str]) -> bool:
 
 
 def _report_files_without_motion(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report glTF files without clips if another file has a clip in which a link moves.
+    """Report files of formats that hold all motions in one file if they have none, and a link moves in another file.
 
     Drawn states are no clip of the export.
     """
@@ -415,7 +431,7 @@ def _has_motion(clip: FileClip) -> bool:
 
 
 def _report_missing_clips(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
-    """Report each clip that a glTF file lacks, and each clip that all USD stages, JSON tracks or CSV tracks lack.
+    """Report each clip that a file lacks whose format holds all motions, and each that all files of another kind lack.
 
     Drawn states are no clip of the export: files with a motion of their own do not lack them.
     """
