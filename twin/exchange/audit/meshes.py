@@ -1,22 +1,19 @@
-"""Read the OBJ meshes of MJCF and URDF. Check triangle meshes (indices, winding, normals), and measure them."""
+"""Check triangle meshes (indices, winding, normals), measure their shapes, and join those of a link."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from twin.core.foreign.budget import check_size
 from twin.exchange.audit.colors import surface_area
 from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.audit.report import Ledger, Measured
 
 MERGE_DISTANCE = 3e-6
 """Distance in m below which points may be one point in another format: two are rounded, to 0.001 mm in an OBJ."""
@@ -249,50 +246,3 @@ def joined(shapes: Iterable[LinkShape]) -> LinkShape | None:
     low = np.min(lows, axis=0)
     high = np.max(highs, axis=0)
     return LinkShape(low, high, volume, closed, nearly_closed, points, triangles, area)
-
-
-def read_obj(path: Path) -> tuple[Array, Array]:
-    """Read an OBJ file; return (points (n, 3), triangles (m, 3) with indices from 0). Polygons become triangles.
-
-    Raises:
-        ReadError: a line cannot be parsed, or a face refers to a point that does not exist.
-    """
-    check_size(path, "OBJ")
-    stat = path.stat()
-    return _read_obj(path, stat.st_mtime_ns, stat.st_size)
-
-
-@lru_cache(maxsize=1000)
-def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
-    """Read an OBJ file. MJCF and URDF share meshes; therefore the result is cached until the file changes."""
-    points: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    try:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            words = line.split()
-            if not words:
-                continue
-            if words[0] == "v":
-                points.append(list(map(float, words[1:4])))
-            elif words[0] == "f":
-                corners = []
-                for word in words[1:]:
-                    corners.append(_corner(word, len(points)))
-                for second, third in pairwise(corners[1:]):  # a polygon becomes a fan of triangles
-                    faces.append((corners[0], second, third))
-    except (OSError, ValueError, IndexError) as error:
-        raise ReadError(f"{path.name} cannot be read: {error}") from error
-    vertices = np.array(points, float).reshape(-1, 3)
-    triangles = np.array(faces, int).reshape(-1, 3)
-    if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
-        last = int(triangles.max()) + 1
-        raise ReadError(f"{path.name}: a face uses point {last}, but the file has {len(vertices)} points")
-    return vertices, triangles
-
-
-def _corner(word: str, count: int) -> int:
-    """Return the index from 0 of a corner "point/texture/normal"; negative numbers count back from the last point."""
-    number = int(word.split("/", 1)[0])
-    if number > 0:
-        return number - 1
-    return count + number

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.exchange.audit.meshes import read_obj
+from twin.exchange.audit.obj_file import read_obj
 from twin.exchange.audit.reference_export.entries import Entry, numbered
 from twin.exchange.audit.reference_export.json_entries import entry_of
 
