@@ -130,6 +130,16 @@ def test_a_change_in_xml_is_named(old, new, place, text, tmp_path):
     assert len(found) == (2 if "comment" in old else 1)
 
 
+def test_text_after_what_stands_inside_an_element_is_compared(tmp_path):
+    (tmp_path / "r.xml").write_text('<sdf><pose text="near">1 2 <!-- c --> 3</pose></sdf>')
+    (tmp_path / "s.xml").write_text('<sdf><pose text="far">1 2 <!-- c --> 4</pose></sdf>')
+    texts = [f.text for f in told(tmp_path / "r.xml", tmp_path / "s.xml")]
+    assert texts == [
+        "'text' is 'far'; in a new export it is 'near'",
+        "'text inside' is (1, 2, 4); in a new export it is (1, 2, 3)",
+    ]
+
+
 def test_xml_saved_again_has_no_difference_but_comments(tmp_path):
     (tmp_path / "r.urdf").write_text(URDF.replace("0.1", "1.00e-1"))
     ET.ElementTree(ET.fromstring(URDF)).write(tmp_path / "s.urdf", encoding="utf-16")

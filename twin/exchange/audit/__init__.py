@@ -7,7 +7,7 @@ poses                 quaternions and matrices, implemented independently of the
 file_content          the common result of the readers: clips of link poses in the world frame
 mechanism_data        the mechanism data of a file, in one form for all formats; file_joints, file_drives: of a joint
 motion_lines          lines along or about which a joint moves; joint_merging: join the parts of a joint in a format
-meshes                faults and shapes of triangle meshes; obj_file, mesh_files: of OBJ files; colors: shares of a surface
+meshes                faults and shapes of triangle meshes; obj_file, mesh_files: of OBJ files; colors: of a surface
 xml_root, comment_statements    what XML files have in common
 new_names             rename links and joints where a file has other names than the robot; named_parts: all names
 

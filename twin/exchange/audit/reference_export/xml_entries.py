@@ -15,9 +15,12 @@ from twin.exchange.audit.xml_root import parse_xml
 COMMENT = "comment"
 """Kind of the entries of comments."""
 
+_TEXT = "text inside"
+"""Key of the text of an element; no attribute has a name with a space."""
+
 
 def read_xml(path: Path) -> Entry:
-    """Return the elements of an XML file with their attributes, and its comments.
+    """Return the elements of an XML file with their attributes and texts, and its comments.
 
     Raises:
         ReadError: the file is not XML, or declares entities, which could expand without limit.
@@ -30,6 +33,7 @@ def read_xml(path: Path) -> Entry:
 
 
 def _entry(element: ET.Element, folder: Path, is_ordered: bool) -> Entry:
+    """Return an element and all inside; its text is that before, between and after what is inside."""
     entry = Entry(str(element.tag), element.get("name", ""), is_ordered=is_ordered)
     for key, value in element.attrib.items():
         if key == "filename":
@@ -38,15 +42,16 @@ def _entry(element: ET.Element, folder: Path, is_ordered: bool) -> Entry:
             entry.values["rotation (x y z w)"] = _rotation(value)
         elif key != "name":
             entry.values[key] = _plain(value)
-    text = " ".join((element.text or "").split())
-    if text:
-        entry.values["text"] = _plain(text)
+    text = element.text or ""
     for child in element:
+        text += child.tail or ""
         if child.tag is ET.Comment:
             # The text is the name: programs that save again may leave out comments, but never change one.
             entry.entries.append(Entry(COMMENT, " ".join((child.text or "").split())))
         elif isinstance(child.tag, str):
             entry.entries.append(_entry(child, folder, is_ordered))
+    if text.strip():
+        entry.values[_TEXT] = _plain(text)
     entry.entries = numbered(entry.entries)
     return entry
 
