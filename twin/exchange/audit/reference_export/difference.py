@@ -15,10 +15,10 @@ _RELATIVE = 1e-6
 """Relative difference of two numbers that only rounding explains: single precision keeps seven digits."""
 
 _OF_LARGEST = 1e-7
-"""FieldDifference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
+"""Difference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
 
 _SMALLEST = 1e-15
-"""FieldDifference of two numbers that only rounding explains, in any unit: a sum that should be zero."""
+"""Difference of two numbers that only rounding explains, in any unit: a sum that should be zero."""
 
 _CONTEXT = 20
 """Number of characters that are quoted before the first that differs."""
@@ -36,8 +36,9 @@ class FieldDifference:
     Attributes:
         form: "value", "missing", "extra" or "order".
         place: labels of the entries around it, the outermost first.
-        pattern: kinds of the entries around it, and the key: what another program writes in its own way has few
-            patterns and many places.
+        pattern: the same for all places of one sort, "/joint/limit@upper" for a limit of any joint: the kinds of the
+            entries around it, and the key of a value. What another program writes in its own way has few patterns and
+            many places.
         text: the difference in words.
         entry: the entry that is missing or added; None if it is a value, or something else differs.
     """
