@@ -25,7 +25,7 @@ from twin.exchange.write.clip import ClipAccuracy
 
 
 def told(reference: Path, found: Path) -> list[FieldDifference]:
-    read = READERS[found.suffix]
+    read = READERS[found.suffix].read
     return list(differences(read(reference), read(found)))
 
 
@@ -147,6 +147,19 @@ def test_xml_saved_again_has_no_difference_but_comments(tmp_path):
     (tmp_path / "again").mkdir()
     shutil.copy(tmp_path / "s.urdf", tmp_path / "again/r.urdf")
     assert not ledgers(tmp_path / "again/r.urdf", tmp_path)[0].found
+
+
+# ------------------------------------------------------------------------------------------------------------ tables
+
+
+def test_a_table_without_rows_is_compared(tmp_path):
+    (tmp_path / "r.csv").write_text("# rate: 50\nt,q1\n0,1\n0.02,2\n")
+    (tmp_path / "s.csv").write_text("# rate: 50\nt,q1\n")
+    texts = [f.text for f in told(tmp_path / "r.csv", tmp_path / "s.csv")]
+    assert texts == [
+        "'column t' is (); in a new export it is (0, 0.02)",
+        "'column q1' is (); in a new export it is (1, 2)",
+    ]
 
 
 # -------------------------------------------------------------------------------------------------------------- USD

@@ -3,37 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from twin.core import format
 from twin.exchange.audit.reference_export.difference import FieldDifference, differences
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
 from twin.exchange.audit.reference_export.json_entries import read_json
-from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table, read_yaml
+from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table
 from twin.exchange.audit.reference_export.usd_entries import read_layer, read_package
 from twin.exchange.audit.reference_export.xml_entries import COMMENT, read_xml
 from twin.exchange.audit.report import Ledger, guarded
 
-READERS: Mapping[str, Callable[[Path], Entry]] = {
-    ".json": read_json,
-    ".asmdef": read_json,
-    ".urdf": read_xml,
-    ".xml": read_xml,
-    ".csv": read_table,
-    ".obj": read_mesh,
-    ".usda": read_layer,
-    ".usdc": read_layer,
-    ".usdz": read_package,
-    ".glb": read_gltf_entries,
-    ".cs": read_lines,
-    ".md": read_lines,
-    ".meta": read_lines,
-    ".txt": read_lines,
-    ".yaml": read_yaml,
+
+@dataclass(frozen=True)
+class EntryReader:
+    """How files of one syntax are read and compared.
+
+    Attributes:
+        read: returns the entries of a file.
+        when_rewritten: what tells that another program has written a file anew, so that it is not compared: kinds of
+            entries that are missing or added, or many other lines, on which a program writes the same content in its
+            own way; "never": no program saves such a text again.
+        is_always_compared: whether a file is compared that the audit could not read.
+    """
+
+    read: Callable[[Path], Entry]
+    when_rewritten: Literal["other kinds", "other lines", "never"] = "other kinds"
+    is_always_compared: bool = False
+
+
+_JSON = EntryReader(read_json)
+_XML = EntryReader(read_xml, is_always_compared=True)  # what a program rejects in it is often one field
+_LAYER = EntryReader(read_layer)
+_TEXT = EntryReader(read_lines, when_rewritten="never")
+
+READERS: Mapping[str, EntryReader] = {
+    ".json": _JSON,
+    ".asmdef": _JSON,
+    ".urdf": _XML,
+    ".xml": _XML,
+    ".csv": EntryReader(read_table),
+    ".obj": EntryReader(read_mesh),
+    ".usda": _LAYER,
+    ".usdc": _LAYER,
+    ".usdz": EntryReader(read_package),
+    ".glb": EntryReader(read_gltf_entries),
+    ".cs": _TEXT,
+    ".md": _TEXT,
+    ".meta": _TEXT,
+    ".txt": _TEXT,
+    ".yaml": EntryReader(read_lines, when_rewritten="other lines"),
 }
-"""{suffix of a file: function that reads its entries}; files of all other kinds are compared byte by byte."""
+"""{suffix of a file: how it is read}; files of all other kinds are compared byte by byte."""
+
+_BYTES = EntryReader(read_bytes)
 
 _SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
 """Kinds of entries that a user adds around a robot without changing it."""
@@ -70,8 +97,8 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
     Args:
         path: the audited folder or file.
         reference: folder of the new export.
-        unreadable: names of files, as reports show them, that the audit could not read. XML is compared all the same:
-            what a program rejects in it is often one field.
+        unreadable: names of files, as reports show them, that the audit could not read. Those of a syntax that is
+            always compared are compared all the same.
     """
     file_count = 0
     missing = _missing_files(path, reference)
@@ -80,8 +107,8 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
         name = file.name
         if file != path:
             name = file.relative_to(path).as_posix()
-        read = READERS.get(file.suffix.lower(), read_bytes)
-        if name in unreadable and read is not read_xml:
+        reader = READERS.get(file.suffix.lower(), _BYTES)
+        if name in unreadable and not reader.is_always_compared:
             continue
         if file.stat().st_size > _LARGEST_RATIO * reference_file.stat().st_size + _SMALL_SIZE:
             continue
@@ -143,11 +170,11 @@ def _missing_files(path: Path, reference: Path) -> list[str]:
 
 def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[FieldDifference]:
     """Return the differences of a file; none, but a note in the ledger, if it is not structured as twin writes it."""
-    read = READERS.get(file.suffix.lower(), read_bytes)
-    reference = read(reference_file)
+    reader = READERS.get(file.suffix.lower(), _BYTES)
+    reference = reader.read(reference_file)
     found = []
     scenery = []
-    for difference in differences(reference, read(file)):
+    for difference in differences(reference, reader.read(file)):
         is_comment = difference.pattern.endswith(f"/{COMMENT}")
         if is_comment and difference.form in ("missing", "order"):
             continue  # programs that save again may leave out comments
@@ -155,7 +182,7 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
             scenery.append(difference.entry.label)
             continue
         found.append(difference)
-    if _is_structured_otherwise(read, reference, found):
+    if _is_structured_otherwise(reader, reference, found):
         text = (
             f"the file is not structured as twin writes it: {len(found)} places differ. Its fields are not compared "
             "with those of a new export."
@@ -171,11 +198,11 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
     return found
 
 
-def _is_structured_otherwise(read: Callable[[Path], Entry], reference: Entry, found: Sequence[FieldDifference]) -> bool:
+def _is_structured_otherwise(reader: EntryReader, reference: Entry, found: Sequence[FieldDifference]) -> bool:
     """Return whether a file with these differences was written anew by another program, or has other names."""
-    if read is read_lines:
-        return False  # no program saves a text again
-    if read is read_yaml:
+    if reader.when_rewritten == "never":
+        return False
+    if reader.when_rewritten == "other lines":
         return len(found) >= _OTHER_LINES_SHARE * reference.count()
     patterns = set()
     entry_counts = {"missing": 0, "extra": 0}

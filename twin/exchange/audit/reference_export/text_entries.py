@@ -22,11 +22,6 @@ def read_lines(path: Path) -> Entry:
     return Entry("file", entries=numbered(entries))
 
 
-def read_yaml(path: Path) -> Entry:
-    """Return the lines of a YAML. Other than those of a text, they may be others with the same content."""
-    return read_lines(path)
-
-
 def read_table(path: Path) -> Entry:
     """Return a CSV with a header "# key: value" a line, as a CSV track has it, and a row of titles above its numbers.
 
@@ -47,8 +42,10 @@ def read_table(path: Path) -> Entry:
     if rows:
         titles = tuple(rows[0])
         entry.values["columns"] = titles
-        columns = np.array(rows[1:], float).T
-        for title, column in zip(titles, columns, strict=True):
+        cells = np.zeros((0, len(titles)))
+        if len(rows) > 1:
+            cells = np.array(rows[1:], float)
+        for title, column in zip(titles, cells.T, strict=True):
             entry.values[f"column {title}"] = column
     return entry
 
