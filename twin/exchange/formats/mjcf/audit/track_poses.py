@@ -11,6 +11,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain_poses import ChainStep, solve_chain
 from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_joints import WORLD
+from twin.exchange.audit.pose_deviation import or_infinite
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
 from twin.exchange.formats.mjcf.audit.equality_residuals import gap_text, largest_gap
@@ -40,6 +41,7 @@ def play_track(model: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip,
         positions[key] = data.xpos
         quaternions[key] = data.xquat
         gap, equality = largest_gap(model, data)
+        gap = or_infinite(gap)
         if gap > worst_gap:
             worst_gap = gap
             loop = equality
@@ -48,6 +50,8 @@ def play_track(model: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip,
         ledger.row(f"clip '{clip.name}': loops in MuJoCo", worst_gap, "m", LOOP_TOL, where=loop, when=when)
     if worst_gap > LOOP_TOL:
         text = f"clip '{clip.name}': equality '{loop}' is open by {gap_text(model, loop, worst_gap)}."
+        if not np.isfinite(worst_gap):
+            text = f"clip '{clip.name}': the residual of equality '{loop}' is not a finite number."
         ledger.wrong("mjcf.loop", text, loop, size=um(worst_gap, LOOP_TOL), when=when)
     T_world_body = poses.pose(poses.rotation(quaternions[..., XYZ_W]), positions)
     numbers = {WORLD: 0, **bodies}  # a base named world is MuJoCo's own fixed body
@@ -98,15 +102,15 @@ class TrackCoordinates:
                 is_incomplete = True
         if is_incomplete:
             T_parent_body = self._relative_pose(body)
-            if T_parent_body is None:
-                return
-            stated = solve_chain(steps, stated, T_parent_body)
+            if T_parent_body is not None:
+                stated = solve_chain(steps, stated, T_parent_body)
         for joint in joints:
             joint_values: list[Array] = []
             for values, owner in zip(stated, owners, strict=True):
                 if owner == joint and values is not None:
                     joint_values.append(values)
-            self._set_joint(joint, joint_values, qpos)
+            if joint_values:
+                self._set_joint(joint, joint_values, qpos)
 
     def _set_joint(self, joint: int, values: list[Array], qpos: Array) -> None:
         """Set the coordinates of a joint: those of a ball from its three turns, those of others from one value (k,)."""
