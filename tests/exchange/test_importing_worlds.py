@@ -217,6 +217,16 @@ def test_missing_meshes_and_textures_of_an_mjcf_are_warnings(tmp_path):
     assert len(imported.mechanism.body("b").meshes) == 1
 
 
+def test_a_missing_height_field_of_an_mjcf_is_a_warning(tmp_path):
+    assets = '<compiler meshdir="parts"/><asset><hfield name="hills" file="hills.png" size="1 1 1 1"/></asset>'
+    ground = '<geom name="ground" type="hfield" hfield="hills"/>'
+    arm = '<body name="a"><joint name="q"/><geom name="arm" size="0.1"/></body>'
+    pair = '<contact><pair geom1="ground" geom2="arm"/></contact>'
+    imported = read(mjcf(tmp_path, ground + arm, pair, assets=assets), guarded=False)
+    (told,) = [f for f in imported.findings if f.code == "import.mesh"]
+    assert told.message == "height field 'hills': parts/hills.png is missing: it is left out."
+
+
 def test_a_leg_with_springs_balls_and_two_loops_is_read_whole():
     imported = close(read(WORLDS / "cassie.xml", guarded=False))
     m = imported.mechanism

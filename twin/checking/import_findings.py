@@ -13,16 +13,13 @@ from twin.core.errors import (
     BudgetError,
     TwinError,
 )
-from twin.exchange.read.imported_robot import Imported
+from twin.exchange.read.imported_robot import IS_MISSING, ITS_MESH_IS_MISSING, Imported
 
 _NO_MESH_FILE = re.compile(r"was not found|is not a file of type")
 """What the import says of a mesh that does not exist, for which another rule knows packages, or of an unread format."""
 
-_MISSING_MESH = re.compile(r"\bis missing[:;]")
-"""What the import of a MJCF says of a mesh that does not exist."""
-
-_WITHOUT_MESH = re.compile(r"because its mesh is missing")
-"""What it says of a body whose mass is that of such a mesh."""
+_MISSING_MESH = re.compile(rf"\b{IS_MISSING}[:;]")
+"""What the import of an MJCF says of a mesh that does not exist."""
 
 _FAULT_SEVERITY = "disagreement"
 """Severity of the findings of an audit that are faults."""
@@ -42,7 +39,7 @@ def import_findings(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]
     missing: set[str] = set()
     printed = bool(job.description.root)  # the rules for elements have judged its inertias and limits
     for finding in imported.findings:
-        if finding.code == "import.inertia" and not printed and not _WITHOUT_MESH.search(finding.message):
+        if finding.code == "import.inertia" and not printed and ITS_MESH_IS_MISSING not in finding.message:
             rule = "inertia/triangle" if "triangle" in finding.message else "inertia/positive"
             if "principal moment 0 kg" in finding.message:
                 rule = "inertia/zero"

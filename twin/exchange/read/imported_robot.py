@@ -24,6 +24,12 @@ from twin.usd.read.tool import with_tool
 
 Key = TypeVar("Key", bound=Hashable)
 
+IS_MISSING = "is missing"
+"""What a finding "import.mesh" of an MJCF says of a lost file, before ":" or ";": `twin check` looks for this."""
+
+ITS_MESH_IS_MISSING = "because its mesh is missing"
+"""What a finding "import.inertia" says of a body whose mass such a mesh would give; as above."""
+
 
 class Findings(list[Finding]):
     """Findings of an import, in the order in which they were added."""

@@ -1,11 +1,14 @@
-"""Remove from a MuJoCo specification what needs files that are missing, so that the rest compiles."""
+"""Remove meshes, height fields and textures whose files are missing, so that a MuJoCo specification compiles."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from twin.exchange.read.imported_robot import Findings
+from twin.exchange.read.imported_robot import IS_MISSING, ITS_MESH_IS_MISSING, Findings
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 class BodiesWithMissingMeshes(NamedTuple):
@@ -15,8 +18,8 @@ class BodiesWithMissingMeshes(NamedTuple):
     weightless: set[str]
 
 
-def remove_missing_files(spec, path: Path, findings: Findings) -> BodiesWithMissingMeshes:
-    """Remove meshes and textures whose files are missing, and the geoms of these meshes, from a MuJoCo specification.
+def remove_missing_files(spec: mujoco.MjSpec, path: Path, findings: Findings) -> BodiesWithMissingMeshes:
+    """Remove meshes, height fields and textures whose files are missing, and the geoms of what is removed.
 
     `spec` is parsed, but not compiled. Each missing file is reported as a warning.
 
@@ -24,9 +27,9 @@ def remove_missing_files(spec, path: Path, findings: Findings) -> BodiesWithMiss
     """
     missing_meshes: dict[str, str] = {}
     for mesh in list(spec.meshes):
-        if mesh.file and not _searched_path(spec, path, spec.meshdir, mesh.file).is_file():
-            searched = Path(mesh.file).name if spec.strippath else mesh.file
-            missing_meshes[mesh.name or Path(mesh.file).stem] = (Path(spec.meshdir) / searched).as_posix()
+        file = _searched_file(spec, spec.meshdir, mesh.file)
+        if mesh.file and not (path.parent / file).is_file():
+            missing_meshes[mesh.name or Path(mesh.file).stem] = file.as_posix()
             spec.delete(mesh)
     weightless: set[str] = set()
     shapeless: set[str] = set()
@@ -35,10 +38,9 @@ def remove_missing_files(spec, path: Path, findings: Findings) -> BodiesWithMiss
         if geom.meshname not in missing_meshes:
             continue
         body = geom.parent
-        text = (
-            f"body '{body.name}': mesh {missing_meshes[geom.meshname]} is missing: the body is shown without this mesh."
-        )
-        findings.warn("mesh", text, missing_meshes[geom.meshname])
+        file = missing_meshes[geom.meshname]
+        text = f"body '{body.name}': mesh {file} {IS_MISSING}: the body is shown without this mesh."
+        findings.warn("mesh", text, file)
         shapeless.add(body.name)
         if not body.explicitinertial and body.name != "world":
             weightless.add(body.name)
@@ -48,7 +50,8 @@ def remove_missing_files(spec, path: Path, findings: Findings) -> BodiesWithMiss
     for name, file in missing_meshes.items():
         if file not in reported:
             reported.add(file)
-            findings.warn("mesh", f"mesh '{name}': {file} is missing; no body uses it.", file)
+            findings.warn("mesh", f"mesh '{name}': {file} {IS_MISSING}; no body uses it.", file)
+    removed_geoms |= _remove_missing_height_fields(spec, path, findings)
     removed_geoms.discard("")  # a geom without a name is in no pair
     for pair in list(spec.pairs):
         if pair.geomname1 in removed_geoms or pair.geomname2 in removed_geoms:
@@ -59,16 +62,35 @@ def remove_missing_files(spec, path: Path, findings: Findings) -> BodiesWithMiss
             body.explicitinertial = True
             body.mass = 1.0
             body.inertia = [1.0, 1.0, 1.0]
-            text = f"body '{body.name}' has no mass, because its mesh is missing."
+            text = f"body '{body.name}' has no mass, {ITS_MESH_IS_MISSING}."
             findings.warn("inertia", text, body.name)
     return BodiesWithMissingMeshes(shapeless, weightless)
 
 
-def _remove_missing_textures(spec, path: Path, findings: Findings) -> None:
+def _remove_missing_height_fields(spec: mujoco.MjSpec, path: Path, findings: Findings) -> set[str]:
+    """Remove height fields whose files are missing, which never have mass; return the names of their geoms."""
+    missing: set[str] = set()
+    for field in list(spec.hfields):
+        file = _searched_file(spec, spec.meshdir, field.file)
+        if field.file and not (path.parent / file).is_file():
+            name = field.name or Path(field.file).stem
+            missing.add(name)
+            text = f"height field '{name}': {file.as_posix()} {IS_MISSING}: it is left out."
+            findings.warn("mesh", text, file.as_posix())
+            spec.delete(field)
+    removed_geoms: set[str] = set()
+    for geom in list(spec.geoms):
+        if geom.hfieldname in missing:
+            removed_geoms.add(geom.name)
+            spec.delete(geom)
+    return removed_geoms
+
+
+def _remove_missing_textures(spec: mujoco.MjSpec, path: Path, findings: Findings) -> None:
     for texture in list(spec.textures):
         missing: list[str] = []
         for file in (texture.file, *texture.cubefiles):
-            if file and not _searched_path(spec, path, spec.texturedir, file).is_file():
+            if file and not (path.parent / _searched_file(spec, spec.texturedir, file)).is_file():
                 missing.append(file)
         if not missing:
             continue
@@ -84,8 +106,8 @@ def _remove_missing_textures(spec, path: Path, findings: Findings) -> None:
         spec.delete(texture)
 
 
-def _searched_path(spec, path: Path, folder: str, file: str) -> Path:
-    """Return the path at which MuJoCo searches for a file."""
+def _searched_file(spec: mujoco.MjSpec, folder: str, file: str) -> Path:
+    """Return the path at which MuJoCo searches for a file, relative to the MJCF unless it is absolute."""
     if spec.strippath:
         file = Path(file).name
-    return path.parent / folder / file
+    return Path(folder) / file
