@@ -18,7 +18,7 @@ from twin.planning.plan import plan
 from twin.planning.plan_result import Planned
 from twin.planning.rounds import UNITS, SearchRound, SearchRounds
 from twin.ui.report import search_figures, write_report
-from twin.ui.report.style import png
+from twin.ui.report.figure_output import png
 
 ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
 INF = float("inf")

@@ -101,9 +101,9 @@ def _plot_rounds(what: str, searches: Mapping[str, SearchRounds], folder: Path) 
     """Plot the path cost in each round of the path searches, if there are any; return the written file names."""
     if not searches:
         return []
-    from twin.ui.report import search_figures, style
+    from twin.ui.report import figure_output, search_figures
 
-    (folder / _COST).write_bytes(style.png(search_figures.figure(f"Paths around obstacles · {what}", searches)))
+    (folder / _COST).write_bytes(figure_output.png(search_figures.figure(f"Paths around obstacles · {what}", searches)))
     return [_COST]
 
 
@@ -130,11 +130,11 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
-    from twin.ui.report import style, together_figures
+    from twin.ui.report import figure_output, together_figures
 
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-        (work / _DISTANCES).write_bytes(style.png(together_figures.figure(planned)))
+        (work / _DISTANCES).write_bytes(figure_output.png(together_figures.figure(planned)))
         pictures = _plot_rounds(f"scene {scene.name}", planned.rounds, work)
     code = show.finish(planned, args, folder, [*planned.files(), _DISTANCES, *pictures])
     if not args.json:

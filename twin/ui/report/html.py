@@ -76,7 +76,7 @@ def render_html(
     """
     from markupsafe import Markup
 
-    from twin.ui.report import style
+    from twin.ui.report import figure_output, style
     from twin.ui.report.plots import figures as draw
 
     if figures is None:
@@ -85,8 +85,8 @@ def render_html(
     pictures = {}
     for name, figure in figures.items():
         caption = CAPTIONS.get(name, name)
-        axes = style.hover_data(figure, name)
-        svg = style.svg(figure, name, f"{caption} {title}")
+        axes = figure_output.hover_data(figure, name)
+        svg = figure_output.svg(figure, name, f"{caption} {title}")
         pictures[name] = {"svg": Markup(svg), "caption": caption, "axes": json.dumps(axes) if axes else ""}
     robot_data = Markup("")
     if robot is not None:
@@ -455,9 +455,9 @@ def _shown_size(f: Finding) -> str:
 
 @cache
 def _template() -> Template:
-    from twin.ui.report import style
+    from twin.ui.report.page_template import template
 
-    template = style.template(
+    report_template = template(
         "report.html.j2",
         quantity=fmt.quantity,
         shown=fmt.shown,
@@ -474,5 +474,5 @@ def _template() -> Template:
         times=lambda r: fmt.ratio(r.worst, r.tolerance),
         words=lambda name: name.replace("_", " "),
     )
-    template.globals["NONE"] = fmt.NONE
-    return template
+    report_template.globals["NONE"] = fmt.NONE
+    return report_template

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from twin.core.findings import by_severity
 from twin.core.result import Line, Part, Result, TextTable
 from twin.core.version import __version__
-from twin.ui.report import style
+from twin.ui.report.figure_output import svg
+from twin.ui.report.page_template import template
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,8 +33,8 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
             parts.insert(0, body)
     picture = None
     if figure is not None:
-        picture = Markup(style.svg(figure, name, title))
-    return style.template("page.html.j2").render(
+        picture = Markup(svg(figure, name, title))
+    return template("page.html.j2").render(
         result=result,
         title=title,
         judged=result.judges and bool(result.word),

@@ -17,7 +17,8 @@ from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.simulation.world.signal_kinds import ORGAN_DEPTH, ORGAN_FREED, ORGAN_NODES, ROBOT_PULL, VESSEL_SEEN
 from twin.ui.report.plot_data import thinned_curve
-from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator_text, styled
+from twin.ui.report.session_figures import operator_text
+from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from twin.core.errors import OutputError, unknown
 from twin.core.result import Result
+from twin.ui.report.figure_output import png
 from twin.ui.report.html import render_html
 from twin.ui.report.robot_picture import RobotPicture
-from twin.ui.report.style import drawable, png
+from twin.ui.report.style import drawable
 from twin.validation.result import Report
 
 FORMATS = ("html", "json", "png")

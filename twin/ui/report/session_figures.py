@@ -37,7 +37,7 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_TOUCHES,
 )
 from twin.ui.report.plot_data import thinned_curve
-from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator_text, styled, titled_figure
+from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, styled, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,6 +92,13 @@ def figure(session: ConsoleSession) -> Figure:
     _draw_speeds(middle, session, arms)
     _draw_bands(low, session, arms, rows)
     return drawing
+
+
+def operator_text(seed: int | None) -> str:
+    """Return who operated in a session, by the seed of the simulated surgeon; None: a person."""
+    if seed is None:
+        return "a person"
+    return f"simulated surgeon, seed {seed}"
 
 
 def _draw_view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:

@@ -1,23 +1,18 @@
-"""Style of all plots: palette, panels, phase bands, axes in readable units, and saving without timestamps."""
+"""Style of all plots: palette, panels, phase bands, and axes in readable units."""
 
 from __future__ import annotations
 
 import contextlib
-import io
-import re
 from collections.abc import Callable, Iterator, Sequence
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.core.format import deviation, power, quantity, seconds
-from twin.core.json_types import JsonObject
 from twin.core.units import DEG
 from twin.validation.result import PhaseSummary, Report
 
 if TYPE_CHECKING:
-    from jinja2 import Template
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -32,15 +27,13 @@ NEAR = "#d99100"
 """Colours of values within tolerance, beyond tolerance, near an alarm; green and red also differ in lightness."""
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C8C8C")
-"""Colours of Okabe and Ito, distinguishable with any colour vision, strong colours first."""
+"""Colours of curves, strong ones first: six of Okabe and Ito, distinguishable with any colour vision; violet; grey."""
 
 XYZ = ("#D55E00", "#009E73", "#0072B2")
 """Colours of x, y and z."""
 
 WIDTH = 9.0
 """Width of a figure in inches, 900 px at 100 dpi."""
-
-PNG_DPI = 120
 
 _LEFT = 0.86
 _RIGHT = 0.18
@@ -126,25 +119,6 @@ def log_ticks(ax: Axes, values: Sequence[float], text: Callable[[float], str]) -
     ax.yaxis.set_major_locator(FixedLocator(list(values)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: text(float(v))))
     ax.yaxis.set_minor_locator(NullLocator())
-
-
-def template(name: str, **filters: Callable[..., object]) -> Template:
-    """Return the page template `name` of this folder; `filters` are added to the filters of jinja2."""
-    from jinja2 import DictLoader, Environment, StrictUndefined
-
-    folder = files("twin.ui.report")
-    texts = {}
-    for file in (name, "report.css", "robot_view.js", "plot_hover.js"):
-        texts[file] = folder.joinpath(file).read_text("utf-8")
-    environment = Environment(
-        loader=DictLoader(texts),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= filters
-    return environment.get_template(name)
 
 
 def panels(
@@ -249,13 +223,6 @@ def _phase_names(ax: Axes, phases: tuple[PhaseSummary, ...]) -> None:
         )
 
 
-def operator_text(seed: int | None) -> str:
-    """Return who operated in a session, by the seed of the simulated surgeon; None: a person."""
-    if seed is None:
-        return "a person"
-    return f"simulated surgeon, seed {seed}"
-
-
 def legend_above(ax: Axes) -> None:
     """Put the legend between the title and the phase names."""
     ax.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=1.9, ncols=8, columnspacing=1.4)
@@ -273,7 +240,10 @@ _MIN_AXIS_END = 1e-16
 
 
 def log_axis(ax: Axes, unit: str, values: list[np.ndarray], limits: list[float]) -> None:
-    """Make the y axis logarithmic, with a range that contains values and limits, and ticks such as "10 µm"."""
+    """Make the y axis logarithmic, with a range that contains values and limits, and ticks such as "10 µm".
+
+    Values, limits and the axis are in SI; `unit` is their unit, such as "m" or "rad/s".
+    """
     # ticks are powers of ten of a degree or a metre
     step = np.pi / 180 if unit.startswith("rad") else 1.0
     samples = [np.array(limits)]
@@ -376,79 +346,3 @@ def value_at_time(value: float, unit: str, t: float, limit: float | None) -> str
 def headline(what: str, report: Report) -> str:
     """Return the title of a figure about `what`, with the names of robot and protocol."""
     return f"{what} · {report.robot} on {report.protocol}"
-
-
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG with white background; the same figure always gives the same bytes."""
-    buffer = io.BytesIO()
-    with styled():
-        figure.savefig(
-            buffer,
-            format="png",
-            dpi=PNG_DPI,
-            facecolor="white",
-            metadata={"Software": None},
-            pil_kwargs={"compress_level": 2},
-        )
-    return buffer.getvalue()
-
-
-def hover_data(figure: Figure, name: str) -> list[JsonObject]:
-    """Return the places and scales of a figure's time plots, for the script that shows values under the pointer.
-
-    Call it before `svg` with the same name: it names the curves. Each entry has the box in units of the SVG (left, top,
-    right, bottom), the limits of x and y, whether y is logarithmic, and the curves with their ids.
-    """
-    wide, tall = (72.0 * float(inches) for inches in figure.get_size_inches())
-    if not any(ax.get_xlabel() == "time [s]" for ax in figure.axes):
-        return []
-    entries: list[JsonObject] = []
-    number = 0
-    for ax in figure.axes:
-        curves: list[JsonObject] = []
-        for line in ax.lines:
-            label = str(line.get_label())
-            if label.startswith("_") or np.size(line.get_xdata()) < 3:
-                continue
-            line.set_gid(f"curve{number}")
-            curves.append({"id": f"{name}-curve{number}", "name": label})
-            number += 1
-        if not curves:
-            continue
-        place = ax.get_position()
-        box = [place.x0 * wide, (1 - place.y1) * tall, place.x1 * wide, (1 - place.y0) * tall]
-        entry: JsonObject = {
-            "box": [round(v, 2) for v in box],
-            "x": [float(v) for v in ax.get_xlim()],
-            "y": [float(v) for v in ax.get_ylim()],
-            "log": ax.get_yscale() == "log",
-            "curves": curves,
-        }
-        entries.append(entry)
-    return entries
-
-
-def svg(figure: Figure, name: str, label: str) -> str:
-    """Return a figure as an SVG element for a page, without size and timestamps, in the colours of the page.
-
-    `name` is the prefix of the ids in the element and must be unique in the page; `label` is the alternative text.
-    """
-    from markupsafe import escape
-
-    buffer = io.StringIO()
-    no_metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    with styled(name):
-        figure.savefig(buffer, format="svg", metadata=no_metadata)
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    # of the element, only its view box is kept: width and height are those of the page
-    view_box = re.search(r'viewBox="[^"]*"', text)
-    box = view_box[0] if view_box else ""
-    text = text[text.index(">") + 1 :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)
-    text = text.replace("xlink:href", "href")
-    text = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", text)
-    for color, variable in ((INK, "--ink"), (GRID, "--grid"), (BAND, "--band")):
-        text = text.replace(color, f"var({variable})")
-    return f'<svg {box} role="img" aria-label="{escape(label)}">{text}'
