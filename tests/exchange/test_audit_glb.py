@@ -422,3 +422,14 @@ def test_a_rest_pose_that_no_joint_allows_is_found_in_a_file_with_motion(good, t
     report = audit(tmp_path, mechanism=mechanism)
     assert report.verdict == "disagree"
     assert "states.rest" in {finding.code for finding in report.findings}
+
+
+@pytest.mark.parametrize(("stated", "word"), [({}, "no alphaMode"), ({"alphaMode": "OPAQUE"}, "alphaMode OPAQUE")])
+def test_a_transparent_material_that_is_shown_opaque_is_named_by_what_the_file_states(stated, word, good, tmp_path):
+    glb = Glb((good / "bars.glb").read_bytes())
+    no_alpha_mode(glb)
+    for material in glb.document["materials"]:
+        material.update(stated)
+    (tmp_path / "bars.glb").write_bytes(glb.bytes())
+    (found,) = [f for f in audit(tmp_path / "bars.glb").findings if f.code == "gltf.alpha"]
+    assert f"but {word}: it is shown opaque." in found.message

@@ -47,7 +47,8 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
     The file contains meshes and materials, but no frames, points or joints. Without a clip, the robot is at home.
 
     Raises:
-        StageError: the clip does not match the mechanism, or the file cannot be written.
+        StageError: the clip does not match the mechanism, or USD cannot write a layer.
+        OSError: the disk is full, or the archive cannot be written.
         AssemblyError: there is no clip, and the loops of the mechanism cannot be closed.
     """
     with Scratch() as name:

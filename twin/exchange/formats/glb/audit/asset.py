@@ -27,10 +27,13 @@ _CLIP_ENTRIES = ("title", "rate", "between_position", "between_rotation", "joint
 
 
 def check_asset(asset: JsonObject, content: Content, ledger: Ledger) -> None:
-    """Report the version, and entries in the extras of a file of twin that are missing or not those of its numbers."""
+    """Report another version than 2.x, and entries in the extras of a file of twin that are missing or wrong.
+
+    The units and the frame are wrong that are not those of every GLB of twin.
+    """
     version = asset.get("version")
     if re.fullmatch(r"2\.\d+", str(version)) is None:
-        ledger.wrong("gltf.version", f"the version of the file is {version!r}, not 2.0.", "version")
+        ledger.wrong("gltf.version", f"the version of the file is {version!r}, not 2.x.", "version")
     extras = asset.get("extras")
     if not isinstance(extras, dict) or not extras:
         return
@@ -68,7 +71,7 @@ def check_node_extras(nodes: list[Node], ledger: Ledger) -> None:
 
 
 def record_clip_extras(file: Gltf, content: Content) -> None:
-    """Store what the extras of the clips state about them."""
+    """Store what the extras of the clips state about them; report the first entry that one of twin lacks."""
     for spec in file.items("animations"):
         extras = spec.get("extras")
         if not isinstance(extras, dict):

@@ -26,7 +26,13 @@ _FAN = 6
 def read_link_shapes(
     file: Gltf, nodes: list[Node], world: list[Array]
 ) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]], dict[str, dict[Rgba, float]]]:
-    """Check every mesh once; return the shapes of the links in their frames, and the shares of colours and finishes."""
+    """Check each mesh of a node once; return the shapes of the links in their frames, and shares of colours, finishes.
+
+    Args:
+        file: the glTF file.
+        nodes: its nodes, in the order of their numbers.
+        world: T_world_node (1, 4, 4) of each node at rest; it may scale.
+    """
     palette = Palette()
     finishes = Palette()
     checked_meshes: dict[int, tuple[Array, Array]] = {}

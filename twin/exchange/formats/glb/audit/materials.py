@@ -13,7 +13,11 @@ _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 
 def check_materials(file: Gltf) -> None:
-    """Report unknown values, and transparent materials that are shown opaque: the default alphaMode is OPAQUE."""
+    """Report values that glTF does not allow, and materials that viewers show opaque or not at all despite their alpha.
+
+    These are transparent ones with the alphaMode OPAQUE, which is the default, and those with MASK whose alpha is below
+    the cutoff. The factors of metal and roughness are from 0 to 1.
+    """
     for number, spec in enumerate(file.items("materials")):
         name = str(spec.get("name") or f"material {number}")
         pbr = spec.get("pbrMetallicRoughness", {})
@@ -21,7 +25,10 @@ def check_materials(file: Gltf) -> None:
         if isinstance(pbr, dict):
             alpha = float(base_color(pbr, f"{name}: baseColorFactor")[3])
         if alpha < 1 and spec.get("alphaMode", "OPAQUE") == "OPAQUE":
-            text = f"material '{name}' has alpha {alpha:.3g} but no alphaMode: it is shown opaque."
+            mode = "no alphaMode"
+            if "alphaMode" in spec:
+                mode = "alphaMode OPAQUE"
+            text = f"material '{name}' has alpha {alpha:.3g} but {mode}: it is shown opaque."
             file.ledger.wrong("gltf.alpha", text, name, size=Measured(alpha, 1.0), suggestion='write alphaMode "BLEND"')
         for key in ("metallicFactor", "roughnessFactor"):
             factor = factor_of(pbr, key) if isinstance(pbr, dict) else 1.0
@@ -43,5 +50,5 @@ def factor_of(pbr: JsonObject, key: str) -> float:
 
 
 def base_color(pbr: JsonObject, name: str) -> Array:
-    """Return the linear colour rgba (4,) of a material; the default of glTF is white."""
+    """Return the linear colour rgba (4,) of a material; the default of glTF is white. `name` is that in an error."""
     return numbers(pbr.get("baseColorFactor", (1, 1, 1, 1)), 4, name)
