@@ -1,4 +1,4 @@
-"""The clip of a file with its reference: keys at other times, joint values that are not numbers or are large."""
+"""The clip of a file with its reference: keys at other times, values that are no numbers; the table of worst checks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from twin.exchange.audit.clip_comparison import compare_clips
 from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, worst
 
 TIMES = np.arange(5.0)
 
@@ -44,7 +44,7 @@ def test_keys_at_other_times_are_compared_with_those_that_they_are(times, positi
 
 
 @pytest.mark.parametrize(
-    ("value", "expected", "worst", "verdict"),
+    ("value", "expected", "size", "verdict"),
     [
         (float("nan"), 0.0, None, "disagree"),
         (0.0, float("inf"), None, "disagree"),
@@ -52,10 +52,20 @@ def test_keys_at_other_times_are_compared_with_those_that_they_are(times, positi
         (1000.5, 1000.0, pytest.approx(0.5), "disagree"),
     ],
 )
-def test_the_row_of_joint_values_has_the_verdict_of_its_findings(value, expected, worst, verdict):
+def test_the_row_of_joint_values_has_the_verdict_of_its_findings(value, expected, size, verdict):
     still = along_x(0, 0, 0, 0, 0)
     clip = FileClip("swing", TIMES, still, {"q": np.array([0, value, 0, 0, 0])})
     ledger = compared(clip, FileClip("swing", TIMES, still, {"q": np.array([0, expected, 0, 0, 0])}))
     (row,) = [check for check in ledger.checks if "joint values" in check.check]
-    assert (row.worst, row.verdict) == (worst, verdict)
+    assert (row.worst, row.verdict) == (size, verdict)
     assert [finding.code for finding in ledger.found] == ([] if verdict == "agree" else ["compare.joint"])
+
+
+@pytest.mark.parametrize("beyond", [float("inf"), float("nan")])
+def test_the_table_shows_a_deviation_that_is_not_finite_as_the_worst_of_its_kind(beyond):
+    ledger = Ledger("a.glb")
+    ledger.row("clip 'swing': position", 0.5, "m", 0.1, where="arm")
+    ledger.row("clip 'reach': position", beyond, "m", 0.1, where="hand")
+    ledger.row("clip 'hold': position", 0.7, "m", 0.1, where="tip")
+    (row,) = worst(ledger.checks)
+    assert row.where == "hand"

@@ -42,7 +42,8 @@ class Check:
         check: short description.
         file: path relative to the audited folder.
         tool, version: name and version of the checker or library that measured the deviation.
-        worst: the maximum deviation in `unit`; None if nothing can be measured.
+        worst: the maximum deviation in `unit`; None if nothing can be measured or, as JSON has no such number, if it is
+            infinite or NaN.
         unit: unit of `worst` and `tolerance`.
         tolerance: limit of `worst` in `unit`; None if there is no limit.
         verdict: "agree", "disagree" or "unchecked".
@@ -159,7 +160,11 @@ def worst(checks: Sequence[Check]) -> list[Check]:
 
 def _severity_of_check(check: Check) -> tuple[bool, float]:
     """Return what decides which of two checks of a kind is worse: first the verdict, then the deviation."""
-    return check.verdict != "agree", check.worst or 0.0
+    size = check.worst
+    if size is None:
+        # A disagreement without a number is infinite, or what should be measured is not there.
+        size = math.inf if check.verdict == "disagree" else 0.0
+    return check.verdict != "agree", size
 
 
 def _row_of_file(file: JsonMapping) -> tuple[str, ...]:
