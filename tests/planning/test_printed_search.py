@@ -123,6 +123,13 @@ def test_more_samples_shorten_the_path_and_a_closed_wall_is_said_to_enclose():
     assert near < 0.2 * 300 < 0.7 * 300 < far
 
 
+def test_in_a_box_in_which_no_joint_moves_the_path_is_its_only_state():
+    box = np.stack([START, START], axis=1)
+    search = FmtSearch(Wall(), START, START, box, np.random.default_rng(0))
+    assert search.path(300).tolist() == [START.tolist(), START.tolist()]
+    assert search.tree.corners.tolist() == [START.tolist(), START.tolist()]
+
+
 def test_a_search_with_one_direction_is_grown_from_the_goal_against_the_motion():
     """As beside an arm that must not go back: y may not decrease, and only the start is enclosed."""
     way = length(np.ones(2))

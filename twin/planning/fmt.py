@@ -142,6 +142,9 @@ class FmtSearch:
         """
         if samples < 1:
             raise ProtocolError(f"a search with {samples} samples cannot find a path; give at least 1")
+        if not self._moving.any():  # start and goal are the only state of the box
+            self._parent = np.array([-1, 0])
+            return self._q[:2].copy()
         self._draw(samples, lambda f: progress(f / 2))
         x = self._q * self.space.weights
         edges = np.ptp(self._box, axis=1)[self._moving] * self.space.weights[self._moving]
