@@ -23,11 +23,11 @@ from hypothesis.extra import numpy as stn
 import twin
 from made.lanes import contrasting, nightly
 from twin import cli
-from twin.analysis import cluster, design, joint_samples, table
+from twin.analysis import cloud, cluster, design, joint_samples, table
 from twin.analysis import grid_workspace as reach
 from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.analysis.pose_grid import PoseGrid
-from twin.analysis.workspace_result import volume_error
+from twin.analysis.workspace_result import Workspace, volume_error
 from twin.api.imported_file import imported_file
 from twin.api.name_or_path import name_or_path
 from twin.api.robot import Robot
@@ -265,12 +265,12 @@ def test_workspace_command_writes_what_others_read(tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     assert said == {**json.loads((tmp_path / "workspace.json").read_text()), "folder": str(tmp_path)}
     assert 6 < said["volume_dm3"] < 9
-    cloud = trimesh.load(tmp_path / "workspace.ply")
+    points_of_ply = trimesh.load(tmp_path / "workspace.ply")
     stage = Usd.Stage.Open(str(tmp_path / "workspace.usdc"))
     prim = UsdGeom.Points(stage.GetDefaultPrim())
     points = np.array(prim.GetPointsAttr().Get())
-    assert len(points) == len(cloud.vertices)
-    assert np.abs(points - cloud.vertices).max() < 1e-6
+    assert len(points) == len(points_of_ply.vertices)
+    assert np.abs(points - points_of_ply.vertices).max() < 1e-6
     cell = (said["step_mm"] / 100) ** 3
     assert len(points) * cell == pytest.approx(said["volume_dm3"], rel=1e-6)
     known = UsdGeom.PrimvarsAPI(prim.GetPrim()).GetPrimvar("inverse_condition").Get()
@@ -710,3 +710,13 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch
     coarse = design.evaluate(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]
     assert apart < stated < 0.2 * fine["volume_dm3"]
+
+
+def test_a_workspace_without_positions_is_an_empty_cloud(tmp_path):
+    from pxr import Usd, UsdGeom
+
+    grid = PoseGrid(np.zeros(3), 0.01, (2, 2, 2), np.eye(3))
+    space = Workspace("arm", grid, np.zeros((8, 4)))
+    cloud.write_usd(space, tmp_path / "workspace.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "workspace.usdc"))
+    assert not UsdGeom.Points(stage.GetDefaultPrim()).GetPointsAttr().Get()

@@ -34,8 +34,8 @@ def points(space: Workspace) -> tuple[Array, np.ndarray, np.ndarray]:
     every = max(1, math.ceil(len(reached) / MOST_POINTS))
     shown_indices = reached[::every]
     values = space.values[shown_indices]
-    conditions = values[:, 1]
-    margins = values[:, 2]
+    conditions = values[:, COLUMNS.index("inverse_condition")]
+    margins = values[:, COLUMNS.index("limit_margin")]
     colored = margins
     if conditions.any():
         colored = conditions
@@ -87,10 +87,11 @@ def write_usd(space: Workspace, path: Path) -> None:
     prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(p32))
     prim.CreateWidthsAttr(Vt.FloatArray([float(space.grid.step)]))
     prim.SetWidthsInterpolation(UsdGeom.Tokens.constant)
-    # The extent contains the points with their widths, or a viewer would cull the outermost ones.
-    half = np.array([[-0.5], [0.5]], np.float32) * np.float32(space.grid.step)
-    corners = np.stack([p32.min(axis=0), p32.max(axis=0)]) + half
-    prim.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(corners))
+    if len(p32):
+        # The extent contains the points with their widths, or a viewer would cull the outermost ones.
+        half = np.array([[-0.5], [0.5]], np.float32) * np.float32(space.grid.step)
+        corners = np.stack([p32.min(axis=0), p32.max(axis=0)]) + half
+        prim.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(corners))
     color = prim.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
     linear = (rgb / 255.0).astype(np.float32) ** np.float32(_GAMMA)
     color.Set(Vt.Vec3fArray.FromNumpy(linear))
