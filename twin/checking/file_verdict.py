@@ -16,7 +16,7 @@ from twin.checking.elements import Elements, check_elements
 from twin.checking.error_messages import line_in, without_path
 from twin.checking.import_findings import audit_findings, import_findings
 from twin.checking.judge_job import JudgeJob
-from twin.checking.mechanisms import check_zero
+from twin.checking.mechanism_rules import check_limits_contain_zero
 from twin.checking.mesh_findings import missing_meshes
 from twin.checking.places import within
 from twin.core.errors import (
@@ -322,5 +322,5 @@ def _robot_folder(job: JudgeJob) -> JudgedFile:
         finding = CheckFinding("file/malformed", description.name, "", message=text, line=line_in(str(error)))
         return JudgedFile(description, "judged", (finding,))
     moving = _moving_joints(mechanism)
-    findings = tuple(check_zero(mechanism, description.name))
+    findings = tuple(check_limits_contain_zero(mechanism, description.name))
     return JudgedFile(description, status="judged", findings=findings, robot=robot.name, joints=moving)

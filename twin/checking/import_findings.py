@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from twin.checking.check_finding import CheckFinding
 from twin.checking.error_messages import line_in, without_path
 from twin.checking.judge_job import JudgeJob
-from twin.checking.mechanisms import check_loops, check_masses, check_zero
+from twin.checking.mechanism_rules import check_limits_contain_zero, check_masses, check_open_loops
 from twin.core.errors import (
     BudgetError,
     TwinError,
@@ -52,9 +52,9 @@ def import_findings(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
     for mesh in sorted(missing):
         yield CheckFinding("mesh/missing", name, f"mesh '{mesh}'", f"mesh '{mesh}' does not exist")
-    yield from check_loops(imported, name)
+    yield from check_open_loops(imported, name)
     if not printed:
-        yield from check_zero(imported.mechanism, name)
+        yield from check_limits_contain_zero(imported.mechanism, name)
     yield from check_masses(imported.mechanism, name)
 
 

@@ -1,4 +1,4 @@
-"""Rules for what was read, in any format: loops, and masses that do not fit the shape of their link."""
+"""Rules for what was read, in any format: open loops, limits without zero, masses that do not fit a link's shape."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _MAX_DENSITY = 23_000.0
 """Density in kg/m3 of the box of a link; that of osmium, the densest metal, is 22 590."""
 
 
-def check_loops(imported: Imported, file: str) -> Iterator[CheckFinding]:
+def check_open_loops(imported: Imported, file: str) -> Iterator[CheckFinding]:
     """Yield the loops that stay open, as the closing of the import tells them."""
     for finding in imported.findings:
         if finding.code == "import.gap":
             yield CheckFinding("loops/open", file, f"loop '{finding.where}'", finding.message)
 
 
-def check_zero(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
+def check_limits_contain_zero(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
     """Yield the joints whose limits exclude zero."""
     for joint in mechanism.active:
         if joint.limits is None:
@@ -85,7 +85,7 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
 
 
 def _box(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the corners (3,) in m of the box around the shapes of a body; None if they do not show the body."""
+    """Return the corners (3,) in m of the box around a body's shapes, in its frame; None if they do not show it."""
     if not body.meshes or not body.whole:
         return None
     lows: list[np.ndarray] = []
