@@ -1,4 +1,8 @@
-"""Robots with loops in one posture: the first side moved to where the second is drawn."""
+"""Robots with loops in one posture: the first side moved to where the second is drawn.
+
+A group is a link: bodies that are fixed to each other. Groups are counted as in the first side; group 0 is the base.
+Joints are counted as in the second side: `FitProblem.axes` are their partners in the first side, in this order.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ def in_common_posture(problem: FitProblem) -> tuple[RobotSide, RobotSide] | None
     then has the inertia of the bar.
     """
     links = LinkMotions(problem)
-    T = links.fitted_to_all()
+    T = links.fitted_to_all()  # (groups, 4, 4): how each link of the first side moves onto that of the second
     if not links.places_agree(T, links.places):
         return None
     moves = spatial.inverse(T[0]) @ T  # relative to the base, which stays where it is

@@ -68,7 +68,7 @@ class FileNumber:
 
 
 def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumber]:
-    """Return the numbers of the text of a side inside elements or prims with these names (as in `plain`).
+    """Return the numbers of the text of a side inside elements or prims with these names (as `plain_name`).
 
     `kind` is a kind of properties, or "" for what places joints and links. Of a table, all numbers are returned.
     """

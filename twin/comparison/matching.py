@@ -44,7 +44,7 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
 def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     """Yield for each joint of the second side the joint of the first with its name; nothing if the names differ.
 
-    Case and signs of the names do not matter; nor, in the second list, a common prefix.
+    Case and punctuation of the names do not matter; nor, in the pairs that are yielded last, a common prefix.
     """
     if not first.axes or not second.axes:
         return
@@ -57,9 +57,9 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
 
 
 def _index_pairs(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] | None:
-    """Return for each name of the second list the index of the same name in the first, as in `plain`; or None.
+    """Return for each name of the second list the index of the same name in the first, by `plain_name`; or None.
 
-    None if a name has no partner, or two: names that differ only in case or signs are the same.
+    None if a name has no partner, or two: names that differ only in case or punctuation are the same.
     """
     names_of_first = list(map(plain_name, of_first))
     names_of_second = list(map(plain_name, of_second))
@@ -161,7 +161,7 @@ def _pairs_of_loops(first: RobotSide, second: RobotSide) -> list[int] | None:
 
 
 def _pairs_of_names(first: RobotSide, second: RobotSide) -> list[int] | None:
-    """Return the pairs if the joints of both sides have the same names, apart from case, signs and a common prefix."""
+    """Return the first of `pairs_by_name` with the same kinds of joints; None if there are none."""
     for pairs in pairs_by_name(first, second):
         if _same_kinds(first, second, pairs):
             _require_same_tree(first, second, pairs)

@@ -251,7 +251,7 @@ class RobotSide:
 
 @lru_cache(maxsize=4096)
 def plain_name(name: str) -> str:
-    """Return a name without case, signs and spaces: readers change these to make identifiers.
+    """Return a name without case, punctuation and spaces: readers change these to make identifiers.
 
     Signs between digits stay as "_": "j1_1" and "j_11" are two joints.
     """

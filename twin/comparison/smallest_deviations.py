@@ -2,6 +2,12 @@
 
 Lines and frames that agree may leave the deviations of joints open in part: of equal explanations, the smallest is
 told.
+
+The unknowns are the columns of `unknowns`: base (6), zeros (joints), then six for each deviation, a rotation vector in
+rad and a shift in m. `smallest_deviations` takes away the part of the deviations that lies in the null space of the
+derivatives of all residuals, and corrects what is left by Gauss-Newton steps (`refine`), until nothing is left in it.
+Small means the norm of all these numbers, rad and m side by side: a turn of 1 rad counts as a shift of 1 m.
+`with_few_numbers` then holds one group of numbers after the other at zero, as long as lines and tools still agree.
 """
 
 from __future__ import annotations
@@ -120,7 +126,7 @@ def _tools_stay(problem: FitProblem, unknowns: Unknowns, before: Sequence[Array]
 
 
 def with_short_turns(unknowns: Unknowns) -> Unknowns:
-    """Return unknowns with the turns of base and deviations below half a turn."""
+    """Return unknowns with the turns of base and deviations of at most half a turn."""
     base = unknowns.base.copy()
     base[:3] = _shortest_vector(base[:3])
     if unknowns.deviations is None:
