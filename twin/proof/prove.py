@@ -235,14 +235,14 @@ class _ProofRun:
     def _explained(self, proof: Proof) -> Proof:
         """Return the proof whose refuted claims have their errors as formulas, and witnesses in fractions."""
         self.progress("the errors as formulas", 0.5)
-        with_formulas = self._attempt((), _FORMULA_STATES, formulas=True).proof
+        formula_proof = self._attempt((), _FORMULA_STATES, formulas=True).proof
 
-        def with_random_parameters(names: Sequence[str]) -> Proof:
+        def prove_with_random(names: Sequence[str]) -> Proof:
             self.progress("witnesses in fractions", 0.8)
             return self._attempt(names, _TRIAL_STATES).proof
 
         formula = self.prover.formula
-        return refuted_claims.with_errors_and_fractions(proof, with_formulas, formula, with_random_parameters)
+        return refuted_claims.with_errors_and_fractions(proof, formula_proof, formula, prove_with_random)
 
     def _even_states(self, ranges: Mapping[str, RandomRange]) -> dict[str, Array]:
         """Return {random number: values (k,)} that are spread evenly over the ranges.

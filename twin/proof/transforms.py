@@ -1,4 +1,4 @@
-"""Poses (4, 4) of exact values, as rows."""
+"""Poses (4, 4) of exact values, as rows. Each value is at k states; see `values`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _total(terms: Sequence[ExactValue]) -> ExactValue:
 
 
 def identity(states: int) -> Matrix:
-    """Return the pose without motion."""
+    """Return the pose without motion, at a number of states."""
     zero = values.constant(0.0, states)
     one = values.constant(1.0, states)
     return [
@@ -75,7 +75,8 @@ def identity(states: int) -> Matrix:
 
 def turn(angle: Angle, axis: Literal["x", "z"]) -> Matrix:
     """Return the rotation about the x or the z axis."""
-    T = identity(len(angle.real))
+    states = len(angle.real)  # `real`: the angle at each state in double precision
+    T = identity(states)
     first, second = {"x": (1, 2), "z": (0, 1)}[axis]
     T[first][first] = angle.cosine
     T[first][second] = values.minus(angle.sine)

@@ -1,4 +1,4 @@
-"""A value along a path, enclosed in every cell of time, and what it must keep."""
+"""A value along a path, enclosed in every cell of time, and its limit."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ SPEED_EXCESS = 1e-3
 """Fraction by which a speed may exceed its limit: as for the samples of a plan."""
 
 TOUCHING = 1e-12
-"""Distance in m or rad by which a limit of a joint may be exceeded: rounding of a motion that ends at its limit."""
+"""Amount in m or rad by which a margin may be below its limit: rounding of a motion that ends at a limit."""
 
 
 @dataclass(frozen=True)
 class Enclosure:
-    """A value in every cell; of a determinant, the logarithm of its ratio to the value at the start.
+    """A value in every cell.
+
+    A determinant is given as the logarithm of its ratio to the value at the start, which is 0 there.
 
     Attributes:
-        name: of the joint, motor, gap or frame; "enforced" or "monitored" for an RCM.
+        name: of the joint, motor or pair of carriages; of an RCM, a speed of the tool, and all loops together, one of
+            the names in `value_groups`.
         group: what kind of value it is, one of `value_groups`.
         unit: "m", "rad", "m/s", "rad/s" or "1".
         low, high: (M,) bounds; infinite where nothing is known.
