@@ -207,7 +207,13 @@ def _coupling(spec: CouplingSpec) -> Coupling:
 
 
 def parts_by_body(description: Description, step: StepModel | None) -> dict[str, list[Part]]:
-    """Return {body: parts of the STEP file at or below the body's node}."""
+    """Return {body: parts of the STEP file at or below the body's node}.
+
+    A body has none if there is no file, or if it has meshes.
+
+    Raises:
+        CadError: the file has no node of this name.
+    """
     parts: dict[str, list[Part]] = {}
     nodes: set[str] = set()
     if step is not None:

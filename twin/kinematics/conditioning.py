@@ -16,6 +16,8 @@ _ACCURATE_EIGENVALUE_RATIO = 1e-8
 def condition_many(Js: Array) -> Array:
     """Return the condition numbers (k,) of Js (k, m, n); infinite for matrices that are singular or not finite.
 
+    Singular means a smallest singular value of exactly 0; a matrix that is singular but for rounding has about 1e16.
+
     Eigenvalues of J J^T take half the time of a singular value decomposition, but lose twice as many digits. Singular
     values are computed for the few matrices for which this loss is too large.
     """
@@ -43,6 +45,8 @@ def condition_many(Js: Array) -> Array:
 def invert_many(Js: Array) -> Array:
     """Return the inverses (k, n, m) of Js (k, m, n), pseudo-inverses if not square; NaN if singular or not finite.
 
+    Singular means a condition number of `_SINGULAR_CONDITION` or more; of square matrices, a bound of it is taken that
+    is at most n times as large.
     Each matrix is judged by itself, whatever the others of the batch are.
     """
     inverses = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)

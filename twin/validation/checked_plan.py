@@ -27,7 +27,11 @@ OTHERS: Mapping[Solver, tuple[Solver, Fastest]] = {
 def retimed(
     trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol
 ) -> tuple[list[Residual], dict[str, str], list[Finding]]:
-    """Judge the timing of each phase by the solver that did not time it; see `judge_durations`."""
+    """Judge the timing of each phase by the solver that did not time it; see `judge_durations`.
+
+    Returns:
+        rows, durations and findings, as in a `CheckedPlan`.
+    """
     return judge_durations(trajectory, mechanism, protocol, OTHERS)
 
 
