@@ -10,11 +10,13 @@ from collections.abc import Mapping, Set
 
 import numpy as np
 
+from twin.core import spatial
 from twin.core.json_types import JsonObject
+from twin.core.spatial import Array
+from twin.core.toml_text import one_line, rows, table, toml
 from twin.core.units import DEG, MM, display_unit
 from twin.exchange.read.assumed_drives import NOTE
 from twin.exchange.read.mesh_output import mesh_file
-from twin.exchange.read.toml_text import frame, one_line, rows, table, toml
 from twin.model.body import Body
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Mechanism
@@ -79,7 +81,7 @@ def describe(
         lines += table("[[transmission]]", name=transmission.name, **parts, **cited)
     for named_frame in mechanism.frames:
         T_base_frame = mechanism.rest[named_frame.body] @ named_frame.T_body_frame
-        lines += table(f"[frame.{named_frame.name}]", body=named_frame.body, at=frame(T_base_frame))
+        lines += table(f"[frame.{named_frame.name}]", body=named_frame.body, at=frame_table(T_base_frame))
     for point in mechanism.points:
         T = mechanism.rest[point.body]
         position = T[:3, :3] @ point.p_body + T[:3, 3]
@@ -98,8 +100,8 @@ def _joint(mechanism: Mechanism, joint: Joint) -> list[str]:
         parent=joint.parent,
         child=joint.child,
         active=joint.active or None,
-        on_parent=frame(mechanism.rest[joint.parent] @ joint.T_parent_joint),
-        on_child=frame(mechanism.rest[joint.child] @ joint.T_child_joint),
+        on_parent=frame_table(mechanism.rest[joint.parent] @ joint.T_parent_joint),
+        on_child=frame_table(mechanism.rest[joint.child] @ joint.T_child_joint),
     )
 
 
@@ -173,3 +175,8 @@ def _actuator(actuator: Actuator, provenance: Mapping[str, str]) -> list[str]:
         f"max_speed_{unit}_s": actuator.max_speed and actuator.max_speed / scale,
     }
     return table("[[actuator]]", name=actuator.name, kind=actuator.kind, **values, **provenance)
+
+
+def frame_table(T: Array) -> JsonObject:
+    """Return a frame T (4, 4) as the inline table of a description, with position_mm and angles_deg."""
+    return {"position_mm": T[:3, 3] / MM, "angles_deg": spatial.euler_angles(T[:3, :3], "zyx") / DEG}

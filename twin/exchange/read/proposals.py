@@ -22,8 +22,8 @@ from twin.core.errors import CadError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.exchange.read.description_text import frame_table
 from twin.exchange.read.fitting_faces import NEAR_FIT, FacePair, RoundFace, perpendicular, same_axis, shared
-from twin.exchange.read.toml_text import frame as frame_table
 from twin.model.joint import JointType
 
 MEETING_TOLERANCE = (0.001 * MM, 0.001 * DEG)

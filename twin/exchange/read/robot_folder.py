@@ -10,12 +10,12 @@ from pathlib import Path
 from twin.core import assets
 from twin.core.errors import OutputError
 from twin.core.findings import Finding, by_severity
+from twin.core.toml_text import one_line
 from twin.core.version import __version__
 from twin.exchange.read.description_text import NOTES, describe
 from twin.exchange.read.imported_robot import Imported
 from twin.exchange.read.mesh_output import mesh_file, write_mesh
 from twin.exchange.read.templates import formula, protocol
-from twin.exchange.read.toml_text import one_line
 from twin.model.mechanism import Mechanism
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from twin.core.assets import NO_EQUATIONS
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
+from twin.core.toml_text import one_line, toml
 from twin.core.units import DEG, MM, display_unit
-from twin.exchange.read.toml_text import one_line, toml
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.conditioning import conditioning

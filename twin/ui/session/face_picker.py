@@ -13,8 +13,8 @@ from twin.cad.face_feature import naming_feature
 from twin.cad.step import Face
 from twin.core.errors import CadError, TwinError
 from twin.core.spatial import Array
+from twin.core.toml_text import one_line, rows
 from twin.core.units import DEG, MM
-from twin.exchange.read.toml_text import one_line, rows
 from twin.ui.session.drawn_faces import DrawnFace, StepDrawing, in_mm
 
 _TOML_NAME = re.compile(r"[a-z][a-z0-9_]*")

@@ -14,9 +14,9 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.core.toml_text import one_line
 from twin.exchange.formats.dh.table import CellQuantity, DhRow, DhTable, read_table
 from twin.exchange.read.imported_robot import Findings, Imported, Names, Options, assemble
-from twin.exchange.read.toml_text import one_line
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint, JointType
 

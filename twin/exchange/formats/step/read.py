@@ -20,13 +20,13 @@ from twin.core.findings import Finding, finding
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
+from twin.core.toml_text import one_line, rows, table, toml
 from twin.core.units import DEG, MM
 from twin.exchange.read.description_text import TOLERANCE
 from twin.exchange.read.fitting_faces import NEAR_FIT, FacePair, find_pairs
 from twin.exchange.read.imported_robot import Findings, Imported, Names, Options, warning
 from twin.exchange.read.proposals import Proposal, propose
 from twin.exchange.read.robot_folder import write_robot
-from twin.exchange.read.toml_text import one_line, rows, table, toml
 from twin.model.mechanism import Mechanism
 
 DRIVE_COMMENT = (

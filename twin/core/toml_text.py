@@ -6,14 +6,11 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import SupportsFloat
 
-from twin.core import spatial
-from twin.core.json_types import JsonMapping, JsonObject
-from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.json_types import JsonMapping
 
 
 def toml(value: object) -> str:
-    """Return a truth value, text, number, list or inline table (mapping) as TOML.
+    """Return a truth value, text, number, list or inline table (mapping) as TOML; whole numbers too as floats.
 
     Keys whose value is None are omitted, because TOML has no null value.
     """
@@ -32,7 +29,7 @@ def toml(value: object) -> str:
 
 
 def rows(values: JsonMapping) -> list[str]:
-    """Return a line "key = value" for each value that is not None."""
+    """Return a line "key = value" for each value that is not None; keys are bare keys, which need no quotes."""
     lines = []
     for key, value in values.items():
         if value is not None:
@@ -53,8 +50,3 @@ def one_line(text: str) -> str:
             character = " "
         characters.append(character)
     return "".join(characters)
-
-
-def frame(T: Array) -> JsonObject:
-    """Return a frame T (4, 4) as the inline table of a description, with position_mm and angles_deg."""
-    return {"position_mm": T[:3, 3] / MM, "angles_deg": spatial.euler_angles(T[:3, :3], "zyx") / DEG}
