@@ -20,8 +20,9 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
-from twin.exchange.audit.report import Ledger, ReadError, finished
+from twin.exchange.audit.report import finished
 from twin.exchange.formats import audit_formats, family
 from twin.exchange.formats.tracks import audit as tracks
 from twin.exchange.formats.unity.audit import kinematics

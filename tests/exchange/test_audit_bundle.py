@@ -18,11 +18,11 @@ from twin.exchange.audit import audit
 from twin.exchange.audit.clip_comparison import _report_files_without_motion, _report_missing_clips
 from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.repeated_checks import _EXPORT_CODES, _repeats
-from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.audit.track_claims import check_proof_clips
 from twin.exchange.formats.tracks.audit.rcm import check_rcm

@@ -18,11 +18,11 @@ from twin.exchange.audit.clip_comparison import compare_clips
 from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.scene_folder import audit_scene
 from twin.exchange.audit.track_claims import check_claims
 from twin.exchange.formats.mjcf.audit import read_mujoco

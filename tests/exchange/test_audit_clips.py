@@ -8,7 +8,8 @@ import pytest
 from twin.exchange.audit.clip_comparison import compare_clips
 from twin.exchange.audit.clip_references import Reference
 from twin.exchange.audit.file_content import Content, FileClip
-from twin.exchange.audit.report import Ledger, worst
+from twin.exchange.audit.ledger import Ledger
+from twin.exchange.audit.report import worst
 
 TIMES = np.arange(5.0)
 

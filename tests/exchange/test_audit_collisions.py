@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin.core.findings import Finding
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.urdf.audit import Urdf
 
 LINKS = ("base", "arm", "hand", "finger")

@@ -17,9 +17,9 @@ from made.bundle import grave, write_good
 from twin.core.provenance import Parameter
 from twin.exchange.audit import audit
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.parameter_claims import PARAMETERS, compare_parameters
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit import read as read_unity

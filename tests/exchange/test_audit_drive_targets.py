@@ -14,9 +14,9 @@ from made.lanes import robots
 from twin.core import assets
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.usd.audit import read_usd
 from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 

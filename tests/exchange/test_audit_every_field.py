@@ -16,7 +16,7 @@ from made import audit_every_field, audit_fresh, audit_seeds, bundle
 from made.audit_every_field_run import judge
 from made.audit_read_once import ReadOnce
 from twin.exchange.audit import audit
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.unity.audit import check_package
 
 EVERY = os.environ.get("TWIN_SEEDS") == "all"

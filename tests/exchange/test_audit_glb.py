@@ -13,7 +13,7 @@ import pytest
 from made import bundle as base
 from made.glb_apart import Glb as Apart
 from twin.exchange.audit import audit
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.glb.audit import read_gltf
 
 
@@ -383,7 +383,7 @@ def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, t
     from twin.exchange.audit.clip_comparison import compare_clips
     from twin.exchange.audit.clip_references import Reference
     from twin.exchange.audit.file_content import Content, FileClip
-    from twin.exchange.audit.report import Ledger
+    from twin.exchange.audit.ledger import Ledger
 
     times, keys = np.array([0.0, 1.0]), np.tile(np.eye(4), (2, 1, 1))
     middle = np.eye(4)[None].copy()

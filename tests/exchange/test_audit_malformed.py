@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from twin.exchange.audit import audit
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.scene_folder import audit_scene
 from twin.exchange.formats.urdf.audit import Urdf
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.mjcf.audit.model_checks import check_model
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit.file_content import FileClip
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.mjcf.audit.track_poses import TrackCoordinates, play_track
 
 TIMES = np.arange(2.0)

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from twin.exchange.audit.ledger import ReadError
 from twin.exchange.audit.obj_file import read_obj
-from twin.exchange.audit.report import ReadError
 
 POINTS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

@@ -14,11 +14,11 @@ from twin.exchange.audit.colors import color_difference, linear
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import about, inverse, pose
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.write import write_usd

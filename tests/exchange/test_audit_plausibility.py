@@ -8,9 +8,9 @@ import pytest
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMass, FileMechanism
 from twin.exchange.audit.plausibility import check_sense
-from twin.exchange.audit.report import Ledger
 
 INERTIA = 1e-3 * np.eye(3)
 

@@ -12,8 +12,8 @@ import pytest
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.file_drives import FileMotor
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
-from twin.exchange.audit.report import Ledger
 
 LINKS = {"old link": "link", "old base": "base"}
 JOINTS = {"old joint": "joint"}

@@ -7,7 +7,7 @@ import pytest
 
 from twin.exchange.audit.file_comparison import compare_rest
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 
 def at_rest(format: str, x: float) -> Content:

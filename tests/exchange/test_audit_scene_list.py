@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.scene_folder import _robots, _scene_data
 
 

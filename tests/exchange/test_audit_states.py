@@ -10,9 +10,9 @@ import pytest
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
-from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import SampledStates
 from twin.exchange.audit.state_comparison import compare_states

@@ -300,7 +300,7 @@ def foreign(path: Path, up: str = "Y", meters: float = 0.01, mechanism: bool = F
 
 @pytest.mark.parametrize("suffix", ["usd", "usda", "usdc"])
 def test_units_and_up_axis_of_a_foreign_stage_are_honoured(suffix, tmp_path):
-    from twin.exchange.audit.report import Ledger
+    from twin.exchange.audit.ledger import Ledger
     from twin.exchange.formats.usd.audit import read_usd
 
     content = read_usd(foreign(tmp_path / f"x.{suffix}"), Ledger("x"))

@@ -12,7 +12,7 @@ import pytest
 from twin.exchange.audit import audit
 from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.report import distinguishable, quantity
+from twin.exchange.audit.value_text import distinguishable, quantity
 
 HERE = Path(__file__).parents[1]
 from made import bundle as base

@@ -7,10 +7,10 @@ import pytest
 
 from twin.exchange.audit.compared_quantities import QUANTITIES, difference_text
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.report import Ledger
 
 
 def findings(right: FileMechanism, own: FileMechanism) -> list:

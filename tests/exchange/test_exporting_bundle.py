@@ -17,7 +17,7 @@ from twin import api
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
-from twin.exchange.audit.report import Check
+from twin.exchange.audit.ledger import Check
 from twin.exchange.format import Format, Places
 from twin.exchange.formats import export_formats
 from twin.exchange.write import bundle as bundles

@@ -15,8 +15,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import twin
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.meshes import check_mesh
-from twin.exchange.audit.report import Ledger
 from twin.exchange.read import read
 from twin.exchange.read.loop_closing import close
 from twin.exchange.read.robot_folder import write_folder

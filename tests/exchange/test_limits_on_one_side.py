@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twin
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.mjcf.audit.model_checks import check_limits, check_model
 from twin.exchange.formats.mjcf.write import mjcf_findings, mjcf_text
 from twin.exchange.formats.tracks.write import NO_LIMIT, track

@@ -17,10 +17,10 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 import twin
 from twin.api.clip_protocols import clip_of_no_protocol, played_protocols
 from twin.api.scene_export import export_scene
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.reference_export.difference import FieldDifference, differences
 from twin.exchange.audit.reference_export.field_comparison import READERS, compare_with_reference
 from twin.exchange.audit.reference_export.json_entries import entry_of
-from twin.exchange.audit.report import Ledger
 from twin.exchange.write.clip import ClipAccuracy
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.stated_closures import stated_closures
 from twin.exchange.audit.workspace_certificate import audit_workspace
 

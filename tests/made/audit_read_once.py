@@ -22,8 +22,9 @@ from twin.core.foreign import admit as admission
 from twin.core.foreign.admit import admit_together
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.folder_files import FolderFiles
+from twin.exchange.audit.ledger import Ledger, guarded
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import AuditReport, Ledger, guarded
+from twin.exchange.audit.report import AuditReport
 from twin.exchange.formats import audit_formats
 from twin.exchange.xacro import XacroSettings
 

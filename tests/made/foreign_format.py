@@ -48,7 +48,7 @@ AUDIT = """
 import numpy as np
 
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.report import ReadError
+from twin.exchange.audit.ledger import ReadError
 
 
 def read(path, ledger, context):

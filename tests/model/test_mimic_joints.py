@@ -13,10 +13,10 @@ from made.loops import ALONG_X, mechanism
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_truth import mechanism_truth
 from twin.exchange.audit.reduced_couplings import reduced_couplings
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
 from twin.exchange.formats.usd.write import write_usd

@@ -40,7 +40,7 @@ scene_stage           a stage of the scene, and its links with the files of the 
 certificate           a certificate of `twin prove`, without the prover: of equations with decimal_rows, or with
                       bounds_certificate, motion_certificate, workspace_certificate and its stated_closures
 
-report                checks and findings of an audit
+ledger                checks and findings on one file, with advice; report: those of all files; value_text: of values
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ from twin.exchange.audit.file_comparison import compare_hashes, compare_rest, co
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import compare_stated
 from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
+from twin.exchange.audit.ledger import MECHANISM, Check, Ledger, ReadError, guarded
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.mechanism_truth import mechanism_truth
@@ -79,7 +80,7 @@ from twin.exchange.audit.reference_export import (
     export_statement,
     not_compared,
 )
-from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
+from twin.exchange.audit.report import AuditReport, finished
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
 from twin.exchange.audit.state_comparison import compare_states, same_names

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 Array = NDArray[np.float64]
 

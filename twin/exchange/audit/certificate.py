@@ -40,9 +40,10 @@ from twin.exchange.audit.decimal_rows import (
     row_numbers,
     row_values,
 )
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.motion_certificate import SCHEMA as MOTION
 from twin.exchange.audit.motion_certificate import audit_motion_bounds
-from twin.exchange.audit.report import AuditReport, Ledger, finished
+from twin.exchange.audit.report import AuditReport, finished
 from twin.exchange.audit.workspace_certificate import SCHEMA as WORKSPACE
 from twin.exchange.audit.workspace_certificate import audit_workspace
 

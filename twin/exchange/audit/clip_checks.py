@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 
 UNIT_LENGTH_TOL = 1e-4
 """Maximum difference between a quaternion's length and 1 that counts as a rounding error of single precision."""

@@ -12,20 +12,12 @@ from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import midway
-from twin.exchange.audit.pose_deviation import or_infinite, pose_deviation, poses_agree
+from twin.exchange.audit.ledger import MECHANISM, Ledger, Measured, um
+from twin.exchange.audit.pose_deviation import POSITION_TOL, ROTATION_TOL, or_infinite, pose_deviation, poses_agree
 from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import (
-    MECHANISM,
-    POSITION_TOL,
-    ROTATION_TOL,
-    Ledger,
-    Measured,
-    distinguishable,
-    quantity,
-    um,
-)
 from twin.exchange.audit.sampled_states import CLIP
+from twin.exchange.audit.value_text import distinguishable, quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds, motion_groups
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.exchange.audit.file_content import Content, FileClip
+from twin.exchange.audit.ledger import MECHANISM
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import MECHANISM
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds, rank
 

@@ -14,8 +14,8 @@ import numpy as np
 from twin.core.findings import Severity
 from twin.exchange.audit import value_differences as differences
 from twin.exchange.audit.colors import color_difference
-from twin.exchange.audit.report import quantity
 from twin.exchange.audit.value_differences import Value
+from twin.exchange.audit.value_text import quantity
 
 NOTHING = "nothing"
 """Text of further declarations where a file has none."""

@@ -13,8 +13,9 @@ from twin.core.foreign.budget import read_bytes
 from twin.core.json_types import JsonObject
 from twin.core.sampling import spread
 from twin.exchange.audit import poses
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.formats.glb.audit.clips import Clips
 from twin.exchange.formats.glb.audit.container import Gltf, open_gltf
 from twin.exchange.formats.glb.audit.nodes import parents_first, read_nodes

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
-from twin.exchange.audit.pose_deviation import or_infinite, poses_agree
+from twin.exchange.audit.ledger import Measured, um
+from twin.exchange.audit.pose_deviation import POSITION_TOL, ROTATION_TOL, or_infinite, poses_agree
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Measured, quantity, um
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, kind_holds, rank
 

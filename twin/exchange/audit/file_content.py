@@ -12,10 +12,10 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.format import Holds
 from twin.exchange.formats import is_leading_kind, kind_holds
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.report import MECHANISM
+from twin.exchange.audit.ledger import MECHANISM
 from twin.exchange.formats import family, trust
 
 ROBOT = "robot"

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMechanism
-from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.value_differences import Value
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, kind_holds

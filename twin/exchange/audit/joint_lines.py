@@ -13,12 +13,13 @@ import numpy as np
 
 from twin.exchange.audit.file_joints import ONE_COORDINATE, FileJoint
 from twin.exchange.audit.joint_assignment import base_link, rigid_parts, single_joints
+from twin.exchange.audit.ledger import MECHANISM
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.pose_deviation import or_infinite
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import MECHANISM, quantity
 from twin.exchange.audit.sampled_states import SampledStates
+from twin.exchange.audit.value_text import quantity
 
 LINE_TOL = 5e-6
 """Maximum difference in m between distances of two joint lines that agree; formats store single precision."""

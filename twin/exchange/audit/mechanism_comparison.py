@@ -15,8 +15,8 @@ from twin.exchange.audit.compared_quantities import QUANTITIES, ComparisonRule, 
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_view import MECHANISM_FORMAT, FileView
+from twin.exchange.audit.ledger import MECHANISM, Measured
 from twin.exchange.audit.mechanism_data import FileMechanism
-from twin.exchange.audit.report import MECHANISM, Measured
 from twin.exchange.audit.stated_values import state_all, stated_keys
 from twin.exchange.format import Holds
 from twin.exchange.formats import trust

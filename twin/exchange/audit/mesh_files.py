@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.meshes import check_mesh
 from twin.exchange.audit.obj_file import read_obj
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.xacro import SUFFIX
 
 

@@ -12,8 +12,8 @@ from scipy.spatial import KDTree
 
 from twin.exchange.audit.colors import surface_area
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 
 MERGE_DISTANCE = 3e-6
 """Distance in m below which points may be one point in another format: two are rounded, to 0.001 mm in an OBJ."""

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 SCHEMA = "twin/motion-certificate/1"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.core.foreign.budget import check_size
+from twin.exchange.audit.ledger import ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import ReadError
 
 
 def read_obj(path: Path) -> tuple[Array, Array]:

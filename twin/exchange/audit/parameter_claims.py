@@ -9,7 +9,7 @@ from twin.core.json_types import JsonMapping
 from twin.core.provenance import EARLIER, Parameter
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.report import MECHANISM, Ledger, Measured
+from twin.exchange.audit.ledger import MECHANISM, Ledger, Measured
 
 PARAMETERS = "parameters"
 """Key of the parameters of a stage in `Content.extra`: {name: {value, shown, unit, provenance, note}}."""

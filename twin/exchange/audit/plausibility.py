@@ -11,8 +11,9 @@ import numpy as np
 
 from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.mechanism_data import FileMass
-from twin.exchange.audit.report import Ledger, Measured, quantity
+from twin.exchange.audit.value_text import quantity
 
 MAX_DENSITY = 23_000.0
 """Maximum density in kg/m3; osmium has 22 590."""

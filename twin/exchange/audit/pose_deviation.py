@@ -7,7 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL
+
+POSITION_TOL = 1e-6
+"""Maximum distance in m between the positions of a link in two files that agree."""
+
+ROTATION_TOL = 1e-4
+"""Maximum angle in rad between the rotations of a link in two files that agree."""
 
 
 class Deviation(NamedTuple):

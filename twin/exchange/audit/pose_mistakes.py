@@ -10,7 +10,7 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.pose_deviation import pose_deviation
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import quantity
+from twin.exchange.audit.value_text import quantity
 
 _LENGTH_MISTAKES = {
     1e3: "lengths look like millimetres read as metres",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeGuard
 
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 SCHEMA = "twin-proof"
 

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.proof_form import WRITER, is_number, is_same_number
-from twin.exchange.audit.report import Ledger
 
 _SHA_FORM = re.compile(r"[0-9a-f]{64}")
 """Form of a sha256, in hexadecimal digits."""

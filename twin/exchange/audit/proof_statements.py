@@ -11,6 +11,7 @@ from pathlib import Path
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import Check, Ledger
 from twin.exchange.audit.proof_form import SEVERITIES, check_kinds, check_rows
 from twin.exchange.audit.proof_origin import (
     check_budgets,
@@ -20,7 +21,6 @@ from twin.exchange.audit.proof_origin import (
     check_protocols,
 )
 from twin.exchange.audit.repeated_checks import check_export_findings, check_places, check_repeated
-from twin.exchange.audit.report import Check, Ledger
 
 _CODES_OF_CHANGED_FILES = ("proof.hash", "proof.missing", "proof.unlisted", "proof.file", "proof.doubled")
 """Codes of the findings that the folder has not the files that proof.json lists."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from twin.exchange.audit.file_content import Content, FileClip
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.sampled_states import SampledStates
 from twin.exchange.audit.state_comparison import same_names
 from twin.exchange.xacro import XacroSettings

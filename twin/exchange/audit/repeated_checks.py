@@ -7,9 +7,9 @@ from collections.abc import Collection, Iterable, Sequence
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import MECHANISM, Check, Ledger
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.proof_form import SAME_NUMBER_TOL, WRITER, is_number, is_same_number
-from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.sampled_states import CLIP
 
 _CheckKey = tuple[str, str, str]

@@ -10,12 +10,13 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL
+from twin.exchange.audit.ledger import MECHANISM
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine, meeting_point
-from twin.exchange.audit.pose_deviation import or_infinite
+from twin.exchange.audit.pose_deviation import ROTATION_TOL, or_infinite
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
 from twin.exchange.audit.state_comparison import same_names
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds
 

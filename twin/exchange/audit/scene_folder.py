@@ -16,8 +16,8 @@ from twin.exchange.audit.clip_references import references
 from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.folder_files import SCENE
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.scene_stage import SceneMotion, audit_stage
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds

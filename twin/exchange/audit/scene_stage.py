@@ -12,8 +12,10 @@ from pxr import Sdf, Tf, Usd, UsdPhysics
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit.folder_files import SCENE
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError, guarded
+from twin.exchange.audit.pose_deviation import POSITION_TOL, ROTATION_TOL
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Ledger, Measured, ReadError, guarded, quantity
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.formats.usd.audit.checks import version
 from twin.exchange.formats.usd.audit.stage_world import StageWorld
 from twin.usd.check import run_usd_validators

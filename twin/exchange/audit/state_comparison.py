@@ -18,10 +18,10 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.joint_assignment import base_link, joint_assignments
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, JointPair, joint_values, pair_differences, place_links
+from twin.exchange.audit.ledger import MECHANISM, um
 from twin.exchange.audit.mechanism_data import FileMechanism
-from twin.exchange.audit.pose_deviation import pose_deviation
+from twin.exchange.audit.pose_deviation import POSITION_TOL, ROTATION_TOL, pose_deviation
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, um
 from twin.exchange.audit.sampled_states import SampledStates
 
 

@@ -11,9 +11,10 @@ from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import errors_at_every_second_key
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.proof_form import is_number
-from twin.exchange.audit.report import Ledger, Measured, quantity
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds
 

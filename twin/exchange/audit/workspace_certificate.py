@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.stated_closures import AxisCosine, Numbers, Reals, StatedClosures, stated_closures
 
 SCHEMA = "twin/workspace-certificate/1"

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 from twin.core.foreign.text import DoctypeError
 from twin.core.foreign.text import parse_xml as read_xml
-from twin.exchange.audit.report import ReadError
+from twin.exchange.audit.ledger import ReadError
 
 
 def parse_xml(path: Path, data: bytes | None = None) -> ET.Element:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from twin.core import format
+from twin.exchange.audit.ledger import Ledger, guarded
 from twin.exchange.audit.reference_export.difference import FieldDifference, differences
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
@@ -16,7 +17,6 @@ from twin.exchange.audit.reference_export.json_entries import read_json
 from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table
 from twin.exchange.audit.reference_export.usd_entries import read_layer, read_package
 from twin.exchange.audit.reference_export.xml_entries import COMMENT, read_xml
-from twin.exchange.audit.report import Ledger, guarded
 
 
 @dataclass(frozen=True)

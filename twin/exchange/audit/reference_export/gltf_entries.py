@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from twin.core.json_types import JsonObject
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.reference_export.entries import Entry, numbered
 from twin.exchange.audit.reference_export.json_entries import entry_of
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.glb.audit.container import Gltf, open_gltf
 
 _TRIANGLES = 4

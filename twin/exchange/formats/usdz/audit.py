@@ -10,8 +10,8 @@ from pxr import Usd, UsdGeom
 
 from twin.core.foreign.budget import check_size, check_zip
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.usd.audit import read_layer
 from twin.exchange.formats.usd.audit.checks import version
 

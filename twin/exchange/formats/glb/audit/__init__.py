@@ -11,10 +11,10 @@ from twin.exchange.audit.clip_checks import check_poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.glb.audit.asset import check_asset, check_node_extras, record_clip_extras
 from twin.exchange.formats.glb.audit.clips import Clips
 from twin.exchange.formats.glb.audit.container import open_gltf

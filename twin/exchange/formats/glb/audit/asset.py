@@ -7,7 +7,7 @@ import re
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.glb.audit.container import Gltf
 from twin.exchange.formats.glb.audit.nodes import Node
 

@@ -11,8 +11,8 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.clip_checks import check_quaternions, check_times
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index
 from twin.exchange.formats.glb.audit.nodes import Node, local_matrices
 

@@ -14,8 +14,8 @@ from urllib.parse import unquote
 import numpy as np
 
 from twin.core.json_types import JsonObject
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, ReadError
 
 _DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """Types of NumPy, by the numbers of glTF for the types of components."""

@@ -10,9 +10,9 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, surface_area
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.glb.audit.container import Gltf
 from twin.exchange.formats.glb.audit.materials import base_color, factor_of
 from twin.exchange.formats.glb.audit.nodes import Node, link_above

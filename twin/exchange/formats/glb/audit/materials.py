@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from twin.core.json_types import JsonObject
+from twin.exchange.audit.ledger import Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Measured
 from twin.exchange.formats.glb.audit.container import Gltf
 from twin.exchange.formats.glb.audit.nodes import numbers
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.glb.audit.container import Gltf
 from twin.exchange.formats.glb.audit.nodes import Node
 

@@ -9,8 +9,8 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.clip_checks import UNIT_LENGTH_TOL
+from twin.exchange.audit.ledger import Measured, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf
 
 

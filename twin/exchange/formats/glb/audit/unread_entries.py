@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 _READ_ENTRIES: Mapping[str, tuple[str, ...]] = {
     "": (

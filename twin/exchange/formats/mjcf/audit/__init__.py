@@ -21,9 +21,9 @@ from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
-from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.mjcf.audit.claims import check_claims, counts_from_home, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations

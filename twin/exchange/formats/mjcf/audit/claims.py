@@ -11,8 +11,8 @@ import re
 import mujoco
 import numpy as np
 
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.mjcf.audit.statics import Balance
 
 # The beginnings of the comments that an export writes; each claim has checks of its own in `check_claims`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from twin.exchange.audit.report import quantity
+from twin.exchange.audit.value_text import quantity
 
 
 def largest_gap(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.formats.mjcf.audit.equality_residuals import gap_text, largest_gap
 from twin.exchange.formats.mjcf.audit.mujoco_conventions import BALL
 from twin.exchange.formats.mjcf.audit.statics import holding_forces

@@ -9,8 +9,8 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.mjcf.audit.keyframe_checks import check_keyframe
 from twin.exchange.formats.mjcf.audit.mujoco_conventions import HINGE, SLIDE
 

@@ -10,10 +10,10 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.mesh_files import named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, ReadError
 
 
 def link_shapes(spec: mujoco.MjSpec, path: Path, ledger: Ledger) -> dict[str, LinkShape]:

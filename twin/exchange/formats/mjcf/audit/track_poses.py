@@ -11,9 +11,9 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain_poses import ChainStep, solve_chain
 from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_joints import WORLD
+from twin.exchange.audit.ledger import Ledger, um
 from twin.exchange.audit.pose_deviation import or_infinite
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, um
 from twin.exchange.formats.mjcf.audit.equality_residuals import gap_text, largest_gap
 from twin.exchange.formats.mjcf.audit.mujoco_conventions import BALL, FREE, HINGE, SLIDE, W_XYZ, XYZ_W
 

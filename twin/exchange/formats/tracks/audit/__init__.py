@@ -21,10 +21,10 @@ from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError
 from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.tracks.audit.csv_table import SCHEMA, csv_data, is_track, names_in
 from twin.exchange.formats.tracks.audit.joint_limits import check_joint_limits
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers, report_not_finite

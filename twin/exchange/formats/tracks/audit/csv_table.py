@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.report import Ledger, ReadError
+from twin.exchange.audit.ledger import Ledger, ReadError
 
 SCHEMA = "twin-track"
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 
 LIMIT_TOL = 1e-6
 """Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""

@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from twin.core.json_types import JsonObject
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, ReadError
 
 _SHOWN_CHARACTERS = 40
 """Maximum number of characters of a wrong value in a message."""

@@ -15,8 +15,10 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger, Measured, um
+from twin.exchange.audit.pose_deviation import POSITION_TOL
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, report_not_finite
 
 _ENFORCED_DISTANCE = 5e-3

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.schema import json_schema
 from twin.schema.track import Track
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.unity.audit.golden import check_golden
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
 from twin.exchange.formats.unity.audit.shipped_files import check_shipped, is_shipped

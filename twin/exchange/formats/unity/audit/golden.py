@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 
 MIRRORS = {
     "GltFast": np.diag([-1.0, 1.0, 1.0]),

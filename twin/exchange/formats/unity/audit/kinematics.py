@@ -18,10 +18,10 @@ from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.unity.audit.shipped_files import PACKAGE, meta_difference
 
 _PACKAGE = "com.twin.player"

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 PACKAGE = Path(__file__).resolve().parents[4] / "ui/headset/unity"
 """Folder of the package, both in a source checkout and in an installed wheel."""

@@ -23,11 +23,11 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.chain_poses import chain_end, solve_chain
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.mesh_files import mesh_path
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
-from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.urdf.audit.attributes import scale_and_pose
 from twin.exchange.formats.urdf.audit.closures import FileClosures, read_closures

@@ -9,8 +9,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.ledger import ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import ReadError
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:

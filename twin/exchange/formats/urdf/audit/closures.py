@@ -19,9 +19,10 @@ from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, quantity
+from twin.exchange.audit.value_text import quantity
 
 HOME_GAP_LIMIT = 1e-6
 """Maximum gap in m of a closed loop at home."""

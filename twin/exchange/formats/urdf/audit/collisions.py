@@ -15,8 +15,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from twin.core import format
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 
 _VISUAL_ENDING = "_visual"
 

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.urdf.audit.attributes import repeated
 from twin.exchange.formats.urdf.audit.transmissions import check_transmission_elements
 

@@ -12,9 +12,9 @@ from twin.exchange.audit.chain_poses import ChainStep
 from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_drives import FileDrive, JointDynamics
 from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.ledger import Ledger, Measured, ReadError
 from twin.exchange.audit.motion_lines import JointLine, motion_lines, unit
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.attributes import attribute, number, numbers, origin_pose, stated_number
 
 MOTION_KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}

@@ -10,11 +10,11 @@ import numpy as np
 
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMass
 from twin.exchange.audit.mesh_files import named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.audit.attributes import number, numbers, origin_pose
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from twin.exchange.audit import poses
 from twin.exchange.audit.chain_poses import chain_end, solve_chain
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.audit.closures import (
     HOME_GAP_LIMIT,
     TRACK_GAP_LIMIT,

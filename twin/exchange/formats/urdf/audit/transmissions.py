@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from twin.exchange.audit.file_drives import FileMotor
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.urdf.audit.attributes import numbers, repeated
 
 _TRANSMISSION_TYPES = ("SimpleTransmission", "DifferentialTransmission", "FourBarLinkageTransmission")

@@ -9,8 +9,8 @@ import numpy as np
 
 from twin.exchange.audit.chain_poses import ChainStep, chain_end
 from twin.exchange.audit.file_content import FileClip
+from twin.exchange.audit.ledger import Ledger, ReadError
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.formats.urdf.audit.joint_elements import UrdfJoint
 
 

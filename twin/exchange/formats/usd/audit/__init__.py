@@ -26,10 +26,11 @@ from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.clip_checks import check_poses
 from twin.exchange.audit.file_content import Content, FileClip
+from twin.exchange.audit.ledger import Ledger, ReadError, um
 from twin.exchange.audit.parameter_claims import PARAMETERS
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.report import Ledger, ReadError, quantity, um
+from twin.exchange.audit.value_text import quantity
 from twin.exchange.formats.usd.audit.checks import check_usd, version
 from twin.exchange.formats.usd.audit.declared import check_declared
 from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.core.errors import StageError
 from twin.core.findings import Finding
-from twin.exchange.audit.report import Ledger, Measured
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.usd.check import check_stage, run_usd_validators
 from twin.usd.check.bodies import check_meshes
 from twin.usd.check.layout import check_names, check_ops, check_transforms, check_units

@@ -12,9 +12,9 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.core.provenance import EARLIER
 from twin.core.units import SI
 from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.usd.audit.engine_settings import check_applied_schemas, check_engine_settings, stated_text
 from twin.exchange.formats.usd.audit.mesh_checks import check_display_colors, check_mesh_colliders, check_meshes
 from twin.exchange.formats.usd.audit.time_samples import (

@@ -17,10 +17,10 @@ from pxr import Usd, UsdPhysics
 from twin.core import format
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_joints import WORLD, FileJoint
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 
 _TOLERANCE = 1e-6
 """Difference of a target in m or rad, and part of the target, that single precision explains."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from pxr import Usd, UsdPhysics
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 _TESTED_SETTINGS: Mapping[str, str | bool | int] = {
     "mjc:option:integrator": "discrete",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pxr import Sdf, Usd
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 
 
 def check_default_prim(stage: Usd.Stage, ledger: Ledger) -> None:

@@ -11,9 +11,9 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
 from twin.exchange.audit.file_content import LinkShape
+from twin.exchange.audit.ledger import Ledger, Measured
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.usd.audit.stage_world import StageWorld
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from pxr import Usd
 
 from twin.core.json_types import JsonObject
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.reduced_couplings import reduced_couplings
-from twin.exchange.audit.report import Ledger
 
 _CONE_TOL = 1e-5
 """Difference in rad of two equal half angles of a cone: the schema has them in degrees, in single precision."""

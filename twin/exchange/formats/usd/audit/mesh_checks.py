@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.usd.audit.odd_values import differing_from_most
 
 _NORMAL_ANGLE_LIMIT = 60.0

@@ -6,7 +6,7 @@ from collections.abc import Set
 
 from pxr import Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.formats.usd.audit.link_shapes import is_for_display, owner_of
 
 

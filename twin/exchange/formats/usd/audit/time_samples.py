@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
+from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.usd.audit.odd_values import differing_from_most
 
 _MOVING_ATTRIBUTES = re.compile(r"xformOp:.*|state:.*|points|normals|extent")
