@@ -55,6 +55,7 @@ def test_what_moves_lines_stays(tmp_path: Path) -> None:
     assert lines_coincide(problem, found.gap)
     smallest = with_few_numbers(problem, smallest_deviations(problem, found))
     assert lines_coincide(problem, smallest.gap)
+    assert smallest.unknowns.deviations is not None
     deviation = smallest.unknowns.deviations[0]
     np.testing.assert_allclose(deviation[[0, 1, 2, 5]], 0, atol=1e-9)
     assert np.linalg.norm(deviation) == pytest.approx(np.linalg.norm(shift[:3, 3]), abs=1e-5)
@@ -66,5 +67,6 @@ def test_turns_are_of_at_most_half_a_turn(turn: float, short_turn: float) -> Non
     unknowns = Unknowns(np.ones(1), vector, np.zeros(1), (JointDeviation(0),), vector[None])
     short = with_short_turns(unknowns)
     expected = [0, short_turn, 0, 1, 2, 3]
+    assert short.deviations is not None
     np.testing.assert_allclose(short.base, expected, atol=1e-12)
     np.testing.assert_allclose(short.deviations, [expected], atol=1e-12)
