@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.model.scene import Place, Scene
     from twin.planning.group_result import PlannedTogether
     from twin.planning.path import Path
-    from twin.planning.path_kinematics import Keep
+    from twin.planning.path_kinematics import StateTest
     from twin.planning.plan_files import RobotSamples
     from twin.planning.protocol import Protocol
     from twin.planning.rounds import SearchRounds
@@ -98,7 +98,7 @@ class _Arm:
         margins = margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor)
         return violation(self.kinematics, margins)
 
-    def keep(self, phase: int) -> Keep:
+    def keep(self, phase: int) -> StateTest:
         """Return a function that tests whether this arm is within its limits and in the phase's working mode.
 
         The working mode is the one at the start of the phase. The function has two arguments: the tool poses

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
-from twin.planning.path_kinematics import Keep, PathKinematics, without_equations
+from twin.planning.path_kinematics import PathKinematics, StateTest, without_equations
 from twin.reference.joint_space import JointSpace
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def of_mechanism(
             around = partial(obstacles_in_base, scene, name)
         return JointSpace(lambda: follower.model, clearance, around=around)
 
-    def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
+    def space(scene: str, clearance: float, keep: StateTest) -> JointSpace:
         return space_around_obstacles(scene, clearance).keeping(keep)
 
     def passive_margins(Ts: Array, q: Array) -> dict[str, tuple[Array, bool]]:
@@ -123,10 +123,10 @@ def with_equations(
         singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
         singularity_alarm=alarms,
         branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
-        why=kin.why,
+        unsolved_reason=kin.why,
         auxiliary=auxiliary,
         # six degrees of freedom of the mechanism are a proof as well, where the equations give none
-        takes=lambda Ts: kin.takes(Ts) or follower.model.freedoms == _FREEDOMS_OF_A_POSE,
+        can_assume=lambda Ts: kin.takes(Ts) or follower.model.freedoms == _FREEDOMS_OF_A_POSE,
     )
 
 

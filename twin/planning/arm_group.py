@@ -14,7 +14,7 @@ from twin.planning.demands import demands, timed
 from twin.planning.feasibility import require_feasible
 from twin.planning.mechanism_follower import MechanismFollower
 from twin.planning.path import Path, line
-from twin.planning.path_kinematics import Carrier, PathKinematics
+from twin.planning.path_kinematics import MovableMechanism, PathKinematics
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.plan import PlannedPhase, assemble, sampled
 from twin.planning.protocol import Free, Protocol
@@ -44,20 +44,20 @@ class GroupArm:
     T_tool_frame: Array
 
     @property
-    def carrier(self) -> Carrier:
+    def mechanism(self) -> MovableMechanism:
         """The robot's mechanism; raises `ProtocolError` if the robot has none."""
-        if self.kinematics.carrier is None:
+        if self.kinematics.mechanism is None:
             raise ProtocolError(
                 f"{self.name} has no mechanism; several arms can be planned at once only if each has a mechanism"
             )
-        return self.kinematics.carrier
+        return self.kinematics.mechanism
 
 
 class _CourseFollower(MechanismFollower):
     """Moves the mechanism along the given paths."""
 
     def __init__(self, robot: GroupArm, courses: Sequence[Path]) -> None:
-        super().__init__(robot.protocol, robot.kinematics, robot.carrier)
+        super().__init__(robot.protocol, robot.kinematics, robot.mechanism)
         self._courses = iter(courses)
 
     def _course(self, path: PhasePath, where: str) -> Path:
@@ -125,8 +125,8 @@ def stops(robot: GroupArm) -> tuple[Array, Array]:
         ProtocolError: a waypoint has no joint values, or the loops open on the straight path to a waypoint.
     """
     protocol = robot.protocol
-    follower = MechanismFollower(protocol, robot.kinematics, robot.carrier)
-    state, current = robot.carrier.drawn()
+    follower = MechanismFollower(protocol, robot.kinematics, robot.mechanism)
+    state, current = robot.mechanism.drawn()
     q = []
     Ts = []
     names = [protocol.start]
@@ -142,7 +142,7 @@ def stops(robot: GroupArm) -> tuple[Array, Array]:
         goal = follower.goal(name)
         straight = line(current, goal)(np.linspace(0.0, 1.0, _STATIONS))
         try:
-            states, reached = robot.carrier.carry(straight, state)
+            states, reached = robot.mechanism.carry(straight, state)
         except AssemblyError as error:
             raise ProtocolError(f"{where} cannot be reached on a straight path: {error}") from error
         state = states[-1]

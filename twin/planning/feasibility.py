@@ -184,9 +184,9 @@ def _scattered(rows: np.ndarray, values: Array) -> Array:
 
 def _inverse_failure(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
     """Return why the equations have no finite joint values at s, as a sentence with a leading space; "" if unknown."""
-    if not kinematics.why:
+    if not kinematics.unsolved_reason:
         return ""
-    text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0])
+    text = kinematics.unsolved_reason(path.motion(np.array([s])).Ts_base_tool[0])
     if not text:
         return ""
     return f" {text}"

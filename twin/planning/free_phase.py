@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.planning.feasibility import Anchor, margins_at, violation
 from twin.planning.path import Path
-from twin.planning.path_kinematics import Keep, PathKinematics
+from twin.planning.path_kinematics import PathKinematics, StateTest
 from twin.planning.protocol import Free
 from twin.planning.rounds import SearchRound, SearchRounds
 
@@ -22,7 +22,7 @@ Searched = Callable[[str, SearchRounds], None]
 """Function of (name of a free phase, rounds of its search); called only if there was a search."""
 
 
-def limits_satisfied(kinematics: PathKinematics, anchor: Anchor) -> Keep:
+def limits_satisfied(kinematics: PathKinematics, anchor: Anchor) -> StateTest:
     """Return a function of T_base_tool (k, 4, 4) and q (k, n) that returns (k,) bool: whether limits are satisfied.
 
     The limits are those of `margins_at`, including the working mode and the signs of `anchor`.

@@ -18,7 +18,7 @@ from twin.core.units import DEG, MM, display_unit
 from twin.planning.free_phase import PhaseProgress, Searched, free_path
 from twin.planning.mechanism_path import NO_MOTION, STATIONS, carried, followed, joint_values_after, with_joint_values
 from twin.planning.path import Path, line
-from twin.planning.path_kinematics import Carrier, PathKinematics
+from twin.planning.path_kinematics import MovableMechanism, PathKinematics
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
 from twin.planning.protocol.course import angles_of, rotation
@@ -48,13 +48,13 @@ class MechanismFollower:
         self,
         protocol: Protocol,
         kinematics: PathKinematics,
-        carrier: Carrier,
+        mechanism: MovableMechanism,
         progress: PhaseProgress = lambda label: None,
         searched: Searched = lambda name, rounds: None,
     ) -> None:
         self._protocol = protocol
         self._kinematics = kinematics
-        self._carrier = carrier
+        self._mechanism = mechanism
         self._progress = progress
         self._searched = searched
         self._names = kinematics.joint_names
@@ -64,7 +64,7 @@ class MechanismFollower:
                 f"{protocol.name}: no joint of the robot is driven, so the robot cannot move: name its joints in its "
                 "description, and mark the driven ones with active = true"
             )
-        self._state, self.q = carrier.drawn()
+        self._state, self.q = mechanism.drawn()
         self._q_drawn = self.q
 
     def start(self, T_tool_frame: Array) -> tuple[Array, Array]:
@@ -80,13 +80,13 @@ class MechanismFollower:
             if waypoint.joints is not None:
                 s = np.linspace(0.0, 1.0, STATIONS)[:, None]
                 q = self.q + s * (self.goal(name) - self.q)
-                states, Ts = self._carrier.carry(q, self._state)
+                states, Ts = self._mechanism.carry(q, self._state)
             else:
                 assert waypoint.position is not None
                 R = rotation(waypoint.angles, self._protocol.rotation)
                 goal = spatial.pose(R, waypoint.position - R @ lever)
                 directions = self._directions(lever)
-                states, q, Ts = self._carrier.follow(goal[None], directions, lever, self._state)
+                states, q, Ts = self._mechanism.follow(goal[None], directions, lever, self._state)
                 self._require_waypoint(name, T_tool_frame, Ts[-1], directions)
         except AssemblyError as error:
             raise ProtocolError(
@@ -111,12 +111,12 @@ class MechanismFollower:
         if isinstance(phase, Samples):
             self._require_driven(phase, where)
             sampled, self.q, self._state = sampled_phase(
-                path, phase, self._protocol, self.q, self._names, self._carrier, start, where
+                path, phase, self._protocol, self.q, self._names, self._mechanism, start, where
             )
             return sampled
         course = self._course(path, where)
         if course is not None:
-            carried_path, self._state = carried(path, course, self._carrier, start, where)
+            carried_path, self._state = carried(path, course, self._mechanism, start, where)
             self.q = course(np.ones(1))[0]
             return carried_path
         directions = ~self._free()
@@ -125,7 +125,7 @@ class MechanismFollower:
 
         def solved(s: Array) -> tuple[Array, Array, Array]:
             try:
-                return self._carrier.follow(path.motion(s).Ts_base_tool, directions, lever, start)
+                return self._mechanism.follow(path.motion(s).Ts_base_tool, directions, lever, start)
             except AssemblyError as error:
                 raise ProtocolError(
                     f"{where} cannot be carried out: {error}{self._too_many_directions(directions)}"
@@ -163,7 +163,7 @@ class MechanismFollower:
         if not isinstance(path.phase, Free):
             return straight
         try:
-            _, Ts = self._carrier.carry(straight(np.linspace(0.0, 1.0, STATIONS)), self._state)
+            _, Ts = self._mechanism.carry(straight(np.linspace(0.0, 1.0, STATIONS)), self._state)
         except AssemblyError as error:
             raise ProtocolError(f"{where}: found no path to the goal that keeps the loops closed: {error}") from error
         return free_path(
@@ -176,7 +176,7 @@ class MechanismFollower:
         directions = self._directions(lever)
         goal = path.motion(np.ones(1)).Ts_base_tool
         try:
-            _, q, Ts = self._carrier.follow(goal, directions, lever, self._state)
+            _, q, Ts = self._mechanism.follow(goal, directions, lever, self._state)
         except AssemblyError as error:
             text = f"{where}: joint values at waypoint '{name}' are not known; give the waypoint by joints"
             raise ProtocolError(f"{text}: {error}") from error
@@ -207,7 +207,7 @@ class MechanismFollower:
 
     def _directions(self, lever: Array) -> np.ndarray:
         """Return a mask (6,) of the directions that can be controlled independently, selected in order."""
-        J = self._carrier.jacobians(self._state, lever)
+        J = self._mechanism.jacobians(self._state, lever)
         J = np.concatenate([J[:, :3] / _RADIAN_LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
         directions = np.zeros(6, bool)

@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.core.units import display_unit
 from twin.planning.free_phase import PhaseProgress, Searched, free_path
 from twin.planning.path import ChebyshevPath, Path, fit, line
-from twin.planning.path_kinematics import Carrier, PathKinematics
+from twin.planning.path_kinematics import MovableMechanism, PathKinematics
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Auxiliary, Free
 from twin.planning.protocol.course import Motion, angles_of
@@ -87,7 +87,9 @@ class MechanismPath(PhasePath):
         return angles_of(R, self.order, self.angles0 + s * (self.angles1 - self.angles0))
 
 
-def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where: str) -> tuple[MechanismPath, Array]:
+def carried(
+    path: PhasePath, course: Path, mechanism: MovableMechanism, start: Array, where: str
+) -> tuple[MechanismPath, Array]:
     """Move a mechanism along the joint path `course` from state `start`; return (phase with this motion, end state).
 
     Raises:
@@ -97,7 +99,7 @@ def carried(path: PhasePath, course: Path, carrier: Carrier, start: Array, where
     def solved(s: Array) -> tuple[Array, Array, Array]:
         q = course(s)
         try:
-            states, Ts = carrier.carry(q, start)
+            states, Ts = mechanism.carry(q, start)
         except AssemblyError as error:
             raise ProtocolError(f"{where} cannot be carried out: {error}") from error
         return states, q, Ts
@@ -152,21 +154,21 @@ def with_free_paths(
             phases.append(path)
             continue
         where = f"{protocol}: phase '{path.phase.name}' ({path.phase.type})"
-        carrier = kinematics.carrier
-        if carrier is None:
+        mechanism = kinematics.mechanism
+        if mechanism is None:
             raise ProtocolError(f"{where}: a free motion requires a mechanism, but there is none")
         ends = np.array([0.0, 1.0])
         start, goal = path.joints(ends, kinematics)
         Ts = path.motion(ends).Ts_base_tool
         course = free_path(path.phase, kinematics, (start, goal), Ts, where, progress, searched)
-        state, drawn_q = carrier.drawn()
+        state, drawn_q = mechanism.drawn()
         try:
-            states, _ = carrier.carry(line(drawn_q, start)(np.linspace(0.0, 1.0, STATIONS)), state)
+            states, _ = mechanism.carry(line(drawn_q, start)(np.linspace(0.0, 1.0, STATIONS)), state)
         except AssemblyError as error:
             raise ProtocolError(
                 f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
             ) from error
-        free, _ = carried(path, course, carrier, states[-1], where)
+        free, _ = carried(path, course, mechanism, states[-1], where)
         phases.append(free)
     return tuple(phases)
 

@@ -20,7 +20,13 @@ from twin.planning.space import Space
 
 @dataclass(frozen=True)
 class Gap:
-    """Two carriages on one rail: the distance of joints `i` and `j` must be at least `smallest`, in m."""
+    """Two carriages on one rail, whose distance |q[i] - q[j]| must be at least `smallest`, in m.
+
+    Attributes:
+        i, j: indices of their joints.
+        smallest: smallest distance in m.
+        name: names of both joints, as "q1-q2".
+    """
 
     i: int
     j: int
@@ -28,7 +34,7 @@ class Gap:
     name: str
 
 
-class Carrier(Interface):
+class MovableMechanism(Interface):
     """Interface of a mechanism that moves along a path; a motion can start at any state (nq,) that a method returned.
 
     Every method raises `AssemblyError` if the mechanism cannot follow the motion.
@@ -118,7 +124,7 @@ def motors_of(mechanism: Mechanism) -> MotorLimits:
     )
 
 
-Keep = Callable[[Array, Array], np.ndarray]
+StateTest = Callable[[Array, Array], np.ndarray]
 """Function: T_base_tool (k, 4, 4), q (k, n) -> (k,) bool: whether each state is allowed."""
 
 
@@ -140,16 +146,16 @@ class PathKinematics:
         gaps: pairs of carriages on a common rail.
         motors: actuators of transmissions.
         revolute: (n,) whether each joint is in rad; left out: all joints are lengths.
-        why: T_base_tool (4, 4) -> reason why the equations have no solution there, or ""; None: not available.
-        carrier: the mechanism, for phases whose path it determines; None: not available.
+        unsolved_reason: T_base_tool (4, 4) -> why the equations have no solution there, or ""; None: not available.
+        mechanism: the mechanism as it moves, for phases whose path it determines; None: not available.
         space: (scene or "", clearance in m, additional test) -> joint space in which the path of a free phase is
             searched; None: not available.
         auxiliary: {name: value as drawn, in m or rad} of the auxiliary joints; `inverse` returns these values.
+        can_assume: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true.
+            If false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
+            `mechanism_follower`.
         passive: T_base_tool (k, 4, 4), q (k, n) -> {passive joint: (margin (k,) to its limits, whether in rad)}; a
             margin is NaN where the mechanism is not at this pose. None: limits of passive joints are not checked.
-        takes: T_base_tool (k, 4, 4) -> whether the robot can certainly assume all these poses; None: always true. If
-            false (fewer than six degrees of freedom, or no equations), the mechanism determines the path; see
-            `mechanism_follower`.
     """
 
     joint_names: tuple[str, ...]
@@ -168,11 +174,11 @@ class PathKinematics:
     gaps: tuple[Gap, ...] = ()
     motors: MotorLimits = NO_MOTORS
     revolute: tuple[bool, ...] = ()
-    why: Callable[[Array], str] | None = None
-    carrier: Carrier | None = None
-    space: Callable[[str, float, Keep], Space] | None = None
+    unsolved_reason: Callable[[Array], str] | None = None
+    mechanism: MovableMechanism | None = None
+    space: Callable[[str, float, StateTest], Space] | None = None
     auxiliary: Mapping[str, float] = field(default_factory=dict)
-    takes: Callable[[Array], bool] | None = None
+    can_assume: Callable[[Array], bool] | None = None
     passive: Callable[[Array, Array], Mapping[str, tuple[Array, bool]]] | None = None
 
     def __post_init__(self) -> None:
@@ -197,11 +203,18 @@ class PathKinematics:
 
 def without_equations(
     mechanism: Mechanism,
-    carrier: Carrier,
+    movable: MovableMechanism,
     gaps: Sequence[tuple[str, str, float]],
-    space: Callable[[str, float, Keep], Space] | None = None,
+    space: Callable[[str, float, StateTest], Space] | None = None,
 ) -> PathKinematics:
-    """Return the planning data of a robot without equations, from its joints, limits and mechanism."""
+    """Return the planning data of a robot without equations.
+
+    Args:
+        mechanism: its joints and their limits.
+        movable: the same mechanism, which moves along a path.
+        gaps: (joint, joint, smallest distance in m) of carriages on a common rail.
+        space: see `PathKinematics`.
+    """
     active = mechanism.active
     hard = mechanism.limits
     order = []
@@ -226,7 +239,7 @@ def without_equations(
         auxiliary[name] = drawn_value
     return PathKinematics(
         joint_names=tuple(order),
-        # Without equations, no pose has a known solution: phases follow the mechanism instead, see `takes`.
+        # Without equations, no pose has a known solution: phases follow the mechanism instead, see `can_assume`.
         inverse=lambda Ts: np.full((len(Ts), len(order)), np.nan),
         reach=lambda Ts: {},
         singularity=lambda Ts, q: {},
@@ -241,8 +254,8 @@ def without_equations(
         gaps=tuple(rail_gaps),
         motors=motors_of(mechanism),
         revolute=tuple(revolute),
-        carrier=carrier,
+        mechanism=movable,
         space=space,
         auxiliary=auxiliary,
-        takes=lambda Ts: False,
+        can_assume=lambda Ts: False,
     )

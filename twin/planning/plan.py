@@ -107,17 +107,17 @@ def _guide(
     has_joint_waypoints = any(waypoint.joints is not None for waypoint in protocol.waypoints.values())
     has_samples = any(isinstance(phase, Samples) for phase in protocol.phases)
     if not has_joint_waypoints and not has_samples and protocol.free is None:
-        if kinematics.takes is None:
+        if kinematics.can_assume is None:
             return None
         s = np.linspace(0.0, 1.0, _PROBED_POSES)
         Ts = []
         for path in build(protocol, T_tool_frame):
             Ts.append(path.motion(s).Ts_base_tool)
-        if kinematics.takes(np.concatenate(Ts)):
+        if kinematics.can_assume(np.concatenate(Ts)):
             return None
-    if kinematics.carrier is None:
+    if kinematics.mechanism is None:
         raise ProtocolError(f"{protocol.name}: joint values and free directions require a mechanism, but there is none")
-    return MechanismFollower(protocol, kinematics, kinematics.carrier, progress, searched)
+    return MechanismFollower(protocol, kinematics, kinematics.mechanism, progress, searched)
 
 
 def _proven_clearance(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Finding]:

@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import display_unit
-from twin.planning.path_kinematics import Carrier
+from twin.planning.path_kinematics import MovableMechanism
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of
@@ -90,7 +90,7 @@ def sampled_phase(
     protocol: Protocol,
     q: Array,
     names: tuple[str, ...],
-    carrier: Carrier,
+    mechanism: MovableMechanism,
     state: Array,
     where: str,
 ) -> tuple[SampledPhase, Array, Array]:
@@ -102,7 +102,7 @@ def sampled_phase(
         protocol: source of the tolerances at the start.
         q: (n,) driven joint values in m or rad at the start of the phase.
         names: (n,) names of the driven joints.
-        carrier: the mechanism.
+        mechanism: what moves.
         state: (nq,) state of the mechanism at the start of the phase.
         where: names of protocol and phase, for messages.
 
@@ -132,7 +132,7 @@ def sampled_phase(
 
     def carry(rows: Array) -> tuple[Array, Array]:
         try:
-            return carrier.carry(rows, state)
+            return mechanism.carry(rows, state)
         except AssemblyError as error:
             raise ProtocolError(f"{where} cannot be carried out: {error}") from error
 
