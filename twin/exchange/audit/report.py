@@ -23,7 +23,13 @@ _CERTIFICATE_CHECKS = ("claim", "bound", "workspace", "protocol")
 class AuditReport(Result):
     """The result of `audit`.
 
-    `files` contains the name, format and conventions (units, up axis, handedness, clips) of each file.
+    Attributes:
+        path: the audited file or folder.
+        files: of each file its name "file" and "format", its "clips" ("name", "keys" and "duration_s" of each), the
+            numbers of "links" (None: it marks none) and "nodes", and conventions such as "units", "up_axis" and
+            "handedness".
+        checks: all measurements.
+        findings: all findings, the most severe first.
     """
 
     path: str
