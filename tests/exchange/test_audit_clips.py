@@ -62,6 +62,17 @@ def test_the_row_of_joint_values_has_the_verdict_of_its_findings(value, expected
     assert [finding.code for finding in ledger.found] == ([] if verdict == "agree" else ["compare.joint"])
 
 
+def test_the_rows_of_poses_are_those_of_the_link_whose_pose_is_not_a_number():
+    right = along_x(0, 0, 0, 0, 0)["arm"]
+    broken = right.copy()
+    broken[2] = np.nan
+    clip = FileClip("swing", TIMES, {"arm": right, "hand": broken})
+    ledger = compared(clip, FileClip("swing", TIMES, {"arm": right, "hand": right}))
+    assert [finding.where for finding in ledger.found] == ["a.glb: hand"]
+    rows = [(check.where, check.verdict) for check in ledger.checks if "links x" in check.check]
+    assert rows == [("hand", "disagree"), ("hand", "disagree")]
+
+
 @pytest.mark.parametrize("beyond", [float("inf"), float("nan")])
 def test_the_table_shows_a_deviation_that_is_not_finite_as_the_worst_of_its_kind(beyond):
     ledger = Ledger("a.glb")

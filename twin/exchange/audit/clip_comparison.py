@@ -144,8 +144,8 @@ def _compare_poses(
             ref_poses[link] = np.asarray(T)[ref_keys]
             differences[link] = pose_deviation(clip_poses[link], ref_poses[link])
     times = clip.times[clip_keys]
-    farthest = max(differences, key=lambda n: differences[n].distance)
-    most_turned = max(differences, key=lambda n: differences[n].angle)
+    farthest = max(differences, key=lambda n: or_infinite(differences[n].distance))
+    most_turned = max(differences, key=lambda n: or_infinite(differences[n].angle))
     count = f"{len(differences)} links x {len(clip_keys)} keys"
     distance = differences[farthest]
     angle = differences[most_turned]
@@ -164,7 +164,7 @@ def _compare_poses(
         return
     reason = mistake_behind(clip_poses, ref_poses)
     first_deviating = _first_deviating_links(content, wrong, differences) if len(wrong) > 1 else {}
-    wrong.sort(key=lambda n: (n not in first_deviating, -differences[n].distance))
+    wrong.sort(key=lambda n: (n not in first_deviating, -or_infinite(differences[n].distance)))
     for link in wrong:
         difference = differences[link]
         degrees = float(np.degrees(difference.angle))
@@ -255,7 +255,7 @@ def _compare_halfway_poses(content: Content, clip: FileClip, ref: Reference, nam
     beginning = f"clip '{name}': halfway between two keys, the"
     ending = f"from the linear interpolation of {ref.source}."
 
-    link = max(differences, key=lambda n: differences[n].distance)
+    link = max(differences, key=lambda n: or_infinite(differences[n].distance))
     distance = differences[link].distance
     check = f"clip '{name}': position halfway between keys against {ref.source}"
     ledger.row(check, distance, "m", BETWEEN_TOL, where=link, against=ref.source)
@@ -264,7 +264,7 @@ def _compare_halfway_poses(content: Content, clip: FileClip, ref: Reference, nam
         when = _time_text(float(clip.times[differences[link].distance_key]))
         ledger.wrong("compare.between", text, link, size=um(distance, BETWEEN_TOL), when=when)
 
-    link = max(differences, key=lambda n: differences[n].angle)
+    link = max(differences, key=lambda n: or_infinite(differences[n].angle))
     angle = differences[link].angle
     check = f"clip '{name}': rotation halfway between keys against {ref.source}"
     ledger.row(check, angle, "rad", ROTATION_TOL, where=link, against=ref.source)
