@@ -284,8 +284,8 @@ def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performe
 
 @pytest.mark.slow
 def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
-    monkeypatch.setattr(camera_surgeon, "_PRESSES", 1)
-    monkeypatch.setattr(camera_surgeon, "_STROKES", 1)
+    monkeypatch.setattr(camera_surgeon, "_LARGEST_PRESSES", 1)
+    monkeypatch.setattr(camera_surgeon, "_LARGEST_STROKES", 1)
     found = operate_console(davinci, "camera")
     assert found.verdict == "disagree"
     assert [f.code for f in found.findings if f.severity == "disagreement"] == ["task.missed"]
@@ -300,7 +300,7 @@ def test_two_angles_that_differ_are_a_finding(performed):
     differing = replace(outcome, aligned=replace(aligned, seen=aligned.angle + 0.06 * DEG))
     wrong = replace(performed, outcome=differing)
     assert [f.code for f in wrong.findings if f.severity == "disagreement"] == ["task.angles"]
-    covered = replace(outcome, aligned=replace(aligned, seen=None, refused="psm1 covers 9 %"))
+    covered = replace(outcome, aligned=replace(aligned, seen=None, refusal="psm1 covers 9 %"))
     unseen = replace(performed, outcome=covered)
     assert [f.code for f in unseen.findings if f.severity == "warning"] == ["task.unseen"]
 

@@ -100,9 +100,9 @@ def test_a_pen_by_udp_touches_the_five_holes_and_its_trial_is_read_by_study(scen
         said = stream.reading
         pen.close()
         stream.close()
-        return presses, said, sounds
+        return presses, said, sounds, tick / TICK_RATE
 
-    presses, said, sounds = asyncio.run(session())
+    presses, said, sounds, seconds = asyncio.run(session())
     assert said["task"]["over"] == "All holes are touched."
     assert said["task"]["trials"] == {"file": "trials.csv", "number": 1, "problem": ""}
     assert sounds == 5
@@ -110,7 +110,7 @@ def test_a_pen_by_udp_touches_the_five_holes_and_its_trial_is_read_by_study(scen
     assert (row["user"], row["group"], row["holes_touched"], row["wrong_holes"]) == ("7", "simulation", "5", "0")
     assert float(row["clutches"]) == presses > 3
     assert 50 < float(row["path_mm"]) < 150
-    assert 20 < float(row["time_s"]) < 200
+    assert 0 < float(row["time_s"]) <= seconds  # on a busy machine, the World waits, and fewer of its seconds pass
 
 
 AXES = """

@@ -47,7 +47,7 @@ def kernels(name: str, monkeypatch) -> dict[str, Kernel]:
         made.append(self)
 
     monkeypatch.setattr(Kernel, "__init__", noted)
-    monkeypatch.setattr(evaluator, "_MANY", 1)
+    monkeypatch.setattr(evaluator, "_KERNEL_SAMPLES", 1)
     robot = twin.load(name)
     workspace(robot, 2000)
     validate_samples(robot, 1000)

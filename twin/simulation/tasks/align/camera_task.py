@@ -38,7 +38,7 @@ class AlignMeasures:
         off: largest distance of an end of the upper side from the corresponding end of the line, divided by the length
             of the line; NaN if the rectangle is behind the lens.
         seen: AlignErr in rad in the drawn picture at the end; None: the angle could not be measured.
-        refused: reason why `seen` is None; "" otherwise.
+        refusal: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
         hands: {hand: length in m of its path while it moved the camera}.
         course: (k, 2, 2) ends of the upper side in the picture over time, see `projected_side.seen_ends`; NaN behind
