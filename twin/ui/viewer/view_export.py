@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 
 import numpy as np
 import viser
@@ -25,10 +24,8 @@ _NEARLY_WHITE = 250
 RECORDING_RATE = 30.0
 """Frames per second of a recording."""
 
-Progress = Callable[[float], object]
 
-
-def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
+def screenshot(client: viser.ClientHandle | None, title: str, progress: StepProgress) -> bytes:
     """Make a browser download its present view as a PNG file; return the content of the file."""
     client = _required_client(client)
     png = _png(_render(client, 1080, 1920))
@@ -37,7 +34,7 @@ def screenshot(client: viser.ClientHandle | None, title: str, progress: Progress
     return png
 
 
-def turntable(client: viser.ClientHandle | None, title: str, progress: Progress) -> bytes:
+def turntable(client: viser.ClientHandle | None, title: str, progress: StepProgress) -> bytes:
     """Make a browser download a GIF of one camera revolution about the viewed point; return the content of the file."""
     from PIL import Image
 
