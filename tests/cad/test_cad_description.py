@@ -118,17 +118,13 @@ def test_a_part_without_material_is_a_warning(tmp_path):
     assert (finding.code, finding.severity, finding.where) == ("cad.no_material", "warning", "arm_ball")
 
 
-def test_a_mesh_that_is_inside_out_is_a_warning_and_has_no_mass(tmp_path):
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.1
-    faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]  # clockwise seen from outside
-    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "wedge.stl")
-    (tmp_path / "wedge.toml").write_text(
-        """
-name = "wedge"
-title = "One mesh"
+ONE_BODY = """
+name = "{name}"
+title = "One body"
 source = "made for the tests"
 default_protocol = "none"
 base = "group"
+{step}
 joint = []
 [tolerance]
 gross_mm = 1.0
@@ -136,17 +132,25 @@ gross_deg = 1.0
 meeting_um = 1.0
 meeting_deg = 0.001
 [body.group]
-meshes = [{ file = "wedge.stl", unit = "m" }]
+{meshes}
 [frame.tool]
 body = "group"
-at = { position_mm = [0, 0, 0] }
+at = {{ position_mm = [0, 0, 0] }}
 [material.steel]
 density_kg_m3 = 8000.0
-parts = ["*"]
+parts = ["{parts}"]
 provenance = "ASSUMED"
 note = "test"
 """
-    )
+"""robot.toml of one body, whose parts are in a STEP file or in meshes."""
+
+
+def test_a_mesh_that_is_inside_out_is_a_warning_and_has_no_mass(tmp_path):
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.1
+    faces = [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]  # clockwise seen from outside
+    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "wedge.stl")
+    meshes = 'meshes = [{ file = "wedge.stl", unit = "m" }]'
+    (tmp_path / "wedge.toml").write_text(ONE_BODY.format(name="wedge", step="", meshes=meshes, parts="*"))
     cad = read_mechanism(tmp_path / "wedge.toml")
     (finding,) = cad.findings
     assert (finding.code, finding.severity, finding.where) == ("cad.inverted_mesh", "warning", "wedge")
@@ -181,31 +185,8 @@ def test_the_fingerprint_follows_the_text_and_the_cad(tmp_path):
 def test_twice_the_same_part_is_weighed_where_each_is(tmp_path):
     """Both pegs of nested.step share one name and one path."""
     (tmp_path / "nested.step").write_bytes((DATA / "nested.step").read_bytes())
-    (tmp_path / "pegs.toml").write_text(
-        """
-name = "pegs"
-title = "Two pegs"
-source = "made for the tests"
-default_protocol = "none"
-base = "group"
-step = "nested.step"
-joint = []
-[tolerance]
-gross_mm = 1.0
-gross_deg = 1.0
-meeting_um = 1.0
-meeting_deg = 0.001
-[body.group]
-[frame.tool]
-body = "group"
-at = { position_mm = [0, 0, 0] }
-[material.steel]
-density_kg_m3 = 8000.0
-parts = ["peg"]
-provenance = "ASSUMED"
-note = "test"
-"""
-    )
+    step = 'step = "nested.step"'
+    (tmp_path / "pegs.toml").write_text(ONE_BODY.format(name="pegs", step=step, meshes="", parts="peg"))
     cad = read_mechanism(tmp_path / "pegs.toml")
     assert [f.code for f in cad.findings] == ["cad.placement_precision"]
     assert cad.findings[0].size == pytest.approx(0.12, abs=0.01)

@@ -354,6 +354,13 @@ def with_forward(formula, change, names=("q1",)):
     return replace(formula, equations=equations)
 
 
+def claim_of_mount(robot, change):
+    """Return the claim on the joint mount, proved for the robot with a changed pose of the forward equation."""
+    formula = with_forward(robot.formula, change)
+    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
+    return {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+
+
 @pytest.mark.parametrize(
     ("entry", "result", "where", "unfound"),
     [
@@ -428,9 +435,7 @@ def test_a_root_with_the_wrong_sign_is_no_proof_however_small_its_effect(size):
         T[0, 3] += size * (ca.sqrt(1 - ca.cos(q1) ** 2) / ca.sin(q1) - 1)
         return T
 
-    formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
-    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    claim = claim_of_mount(robot, shifted)
     assert claim.status == "unproved"
     assert claim.exact_zeros > 8
     assert "sign" in claim.reason
@@ -446,9 +451,7 @@ def test_states_that_a_search_found_judge_claims_with_roots():
         T[1, 3] += ca.if_else(ca.fabs(q1 - 0.3) < 5e-6, 1e-11, 0)
         return T
 
-    formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
-    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    claim = claim_of_mount(robot, shifted)
     assert claim.status == "unproved"
     assert "where a condition has one of its answers" in claim.reason
 
@@ -471,9 +474,7 @@ def test_a_box_of_an_operation_that_chooses_by_itself_judges_claims_with_roots(e
         T[1, 3] += error(ca.fabs(q1 - 0.3) - 5e-6)
         return T
 
-    formula = with_forward(robot.formula, shifted)
-    proof = prove(formula, variant_choice.choose(formula, None), robot.mechanism, 256)
-    claim = {claim.name: claim for claim in proof.claims}["forward: joint mount"]
+    claim = claim_of_mount(robot, shifted)
     assert claim.status == "unproved"
     assert "where a condition has one of its answers" in claim.reason
 

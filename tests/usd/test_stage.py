@@ -646,28 +646,28 @@ def test_disabled_joints_props_and_odd_drives_are_noted(tmp_path):
     }
 
 
-def test_a_cone_takes_its_narrow_side(tmp_path):
-    foreign = Foreign(tmp_path / "cone.usda")
+def with_cone(path: Path, first_deg: float, second_deg: float) -> Path:
+    """Return the stage of two bodies and a ball joint with a cone of two half angles."""
+    foreign = Foreign(path)
     foreign.body("a")
     foreign.body("b")
     ball = foreign.joint(UsdPhysics.SphericalJoint, "ball", "a", "b", axis="X")
-    ball.CreateConeAngle0LimitAttr(20.0)
-    ball.CreateConeAngle1LimitAttr(50.0)
-    joint = read_stage(foreign.save()).joint("ball")
+    ball.CreateConeAngle0LimitAttr(first_deg)
+    ball.CreateConeAngle1LimitAttr(second_deg)
+    return foreign.save()
+
+
+def test_a_cone_takes_its_narrow_side(tmp_path):
+    joint = read_stage(with_cone(tmp_path / "cone.usda", 20.0, 50.0)).joint("ball")
     assert joint.cone == pytest.approx(20 * DEG)
     assert np.allclose(joint.T_parent_joint[:3, 2], [1, 0, 0])
 
 
 def test_a_cone_of_no_angle_is_refused(tmp_path):
     """It lets a ball only turn about its axis; the limits of the joint would be divided by the sine of 0."""
-    foreign = Foreign(tmp_path / "cone.usda")
-    foreign.body("a")
-    foreign.body("b")
-    ball = foreign.joint(UsdPhysics.SphericalJoint, "ball", "a", "b", axis="X")
-    ball.CreateConeAngle0LimitAttr(0.0)
-    ball.CreateConeAngle1LimitAttr(50.0)
+    path = with_cone(tmp_path / "cone.usda", 0.0, 50.0)
     with pytest.raises(StageError, match="ball: its cone has the half angle 0"):
-        read_stage(foreign.save())
+        read_stage(path)
 
 
 # --- what the reader refuses ----------------------------------------------------------------------
