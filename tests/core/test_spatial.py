@@ -41,6 +41,11 @@ def poses():
 # -- rotations ---------------------------------------------------------------------------------------
 
 
+@law(vectors(1e3, 4))
+def test_length_is_the_norm_bit_for_bit(v):
+    assert spatial.length(v) == np.linalg.norm(v)
+
+
 @law(vectors(4.0), vectors(4.0))
 def test_hat_is_the_cross_product_and_antisymmetric(a, b):
     assert np.array_equal(spatial.hat(a), -spatial.hat(a).T)

@@ -207,6 +207,22 @@ def _public(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, ast.AST]]:
                 yield from _public(node, f"{node.name}.")
 
 
+def test_no_tick_hands_the_interpreter_to_other_threads():
+    """`np.linalg.norm` and `dot` of arrays do; see `spatial.length`."""
+    places = []
+    for room in ("controllers", "machine", "world"):
+        for path in sorted((ROOT / "twin/simulation" / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if not isinstance(node, ast.Attribute):
+                    continue
+                owner = ast.unparse(node.value)
+                is_norm = node.attr == "norm" and owner.endswith("linalg")
+                is_dot = node.attr == "dot" and owner != "ca"  # CasADi builds expressions, before any tick
+                if is_norm or is_dot:
+                    places.append(f"{path.name}:{node.lineno}: {owner}.{node.attr}")
+    assert places == []
+
+
 def test_every_public_function_of_the_api_has_a_docstring():
     files = (ROOT / "twin/api").glob("*.py")
     public = {n: node for file in files for n, node in _public(ast.parse(file.read_text(encoding="utf-8")))}

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,7 +52,17 @@ def test_a_rehearsed_motion_is_replayed_on_the_machine_and_refused_elsewhere(ope
     assert "mm from where the record begins (limit 2): move it to the start" in steps[TrainerPhase.STOPPED].text
 
 
-@pytest.mark.alone  # with the session of the test above
+@pytest.mark.alone  # with the session of the tests above
+def test_a_computer_that_is_too_slow_is_named_beside_the_verdict(operated):
+    """The verdict stays: the machine did what it did."""
+    late = replace(operated, run=replace(operated.run, lag=20.73))
+    warnings = [f.message for f in late.findings if f.code == "session.late"]
+    assert len(warnings) == 1
+    assert "remained 20.7 s behind real time" in warnings[0]
+    assert late.exit_code == operated.exit_code
+
+
+@pytest.mark.alone  # with the session of the tests above
 def test_its_session_replays_bit_for_bit_without_the_machine(operated, scene, tmp_path):
     path = tmp_path / "hands.session"
     path.write_bytes(operated.recorded)

@@ -141,6 +141,13 @@ class ConsoleSession(Result):
             findings += self.outcome.findings()
         for machine in self.training:
             findings += machine.findings()
+        if self.run.lag:
+            text = (
+                f"the simulation remained {self.run.lag:.1f} s behind real time, because this computer is too slow or "
+                "busy: the machines wait for packets, so that they deviate further from their models. End other "
+                "programs, and repeat the session"
+            )
+            findings.append(warning("session.late", "", text))
         if find_spec("mcap") is None or find_spec("mcap_ros2") is None:
             text = f"session.mcap or session-ros2.mcap is not written: pip install 'twin-robotics[{EXTRAS['mcap']}]'"
             findings.append(info("session.no_mcap", "", text))

@@ -6,6 +6,8 @@ the linear rows are first. In the shapes, `...` stands for any leading batch axe
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -19,6 +21,15 @@ _IDENTITY.flags.writeable = False
 
 _SMALL_ANGLE = 1e-8
 """Angle in rad below which series replace quotients; the first omitted term is below double precision."""
+
+
+def length(v: Array) -> float:
+    """Return the Euclidean norm of a vector (n,).
+
+    For blocks of a World, which run beside threads that send and receive: `np.linalg.norm` and `ndarray.dot` let other
+    threads run before they return, which can take 100 times as long as the computation. `@` of small arrays does not.
+    """
+    return math.sqrt(v @ v)
 
 
 def hat(w: ArrayLike) -> Array:

@@ -78,7 +78,7 @@ class Kinematics(Compiled):
                 "rigid and in metres.",
                 best=q,
             )
-        if not math.isfinite(q.dot(q)):  # faster than a test of each joint
+        if not math.isfinite(q @ q):  # faster than a test of each joint; for @, see spatial.length
             raise KinematicsError(self._why_unreachable(T))
         return q
 

@@ -249,15 +249,15 @@ class Mechanism:
 
     def motors(self, q: Array) -> Array:
         """Return motor values or rates (..., n), in the order of `motor_names`, for joint values or rates (..., n)."""
-        return np.asarray(q, float).dot(self._motor_rows.T)  # for one vector three times as fast as @
+        return np.asarray(q, float) @ self._motor_rows.T
 
     def from_motors(self, m: Array) -> Array:
         """Return joint values or rates (..., n) for motor values or rates (..., n), in the order of `motor_names`."""
-        return np.asarray(m, float).dot(self.motor_matrix.T)
+        return np.asarray(m, float) @ self.motor_matrix.T
 
     def motor_efforts(self, efforts: Array) -> Array:
         """Return the motor efforts (..., n) equivalent to joint efforts (..., n), in N m or N."""
-        return np.asarray(efforts, float).dot(self.motor_matrix)
+        return np.asarray(efforts, float) @ self.motor_matrix
 
     @cached_property
     def passive(self) -> tuple[Joint, ...]:

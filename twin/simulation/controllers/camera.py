@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import WorldError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
 from twin.formula.evaluator import Evaluator
@@ -134,7 +134,7 @@ def at_of_view(T: Array) -> Array:
     R_roll = (spatial.exp_so3(pan * Y) @ spatial.exp_so3(tilt * X)).T @ T[:3, :3]
     at = np.array([pan, tilt, depth, spatial.angle_about_z(R_roll)])
     if not np.allclose(view(at), T, atol=1e-6):
-        distance = float(np.linalg.norm(view(at)[:3, 3] - T[:3, 3]))
+        distance = length(view(at)[:3, 3] - T[:3, 3])
         raise WorldError(
             f"the camera's line of sight passes {distance / MM:.3g} mm from its remote centre; correct its pose"
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.simulation.controllers.teleoperation import Teleoperation
 
 _DISTANCE = 0.03
@@ -57,5 +57,5 @@ def clutch_report(new_controller: Callable[[], Teleoperation]) -> ClutchReport:
     handle = np.repeat([start, start, displaced, displaced], ticks, axis=0)
     pedal = np.repeat([True, False, False, True], ticks)
     tool = play(controller, handle, pedal, start)
-    jump = float(np.linalg.norm(tool[-1] - tool[3 * ticks]))
+    jump = length(tool[-1] - tool[3 * ticks])
     return ClutchReport(_DISTANCE, jump, jump <= 1e-9 * _DISTANCE)

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from twin.core.errors import TwinError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 
 _MM_PER_M = 1e3
 
@@ -60,8 +60,8 @@ class Cue:
             dp: (3,) tip of the model minus tip of the machine, m.
             dv: (3,) linear velocity of the model's tip minus that of the machine's tip, m/s.
         """
-        distance = _MM_PER_M * float(np.linalg.norm(dp))
-        speed = _MM_PER_M * float(np.linalg.norm(dv))
+        distance = _MM_PER_M * length(dp)
+        speed = _MM_PER_M * length(dv)
         if distance == 0:
             return np.zeros(3)  # the force has no direction
         magnitude = self.kp * distance + self.kd * speed

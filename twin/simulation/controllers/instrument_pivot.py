@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from twin.core import spatial
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.core.units import DEG, MM
 
 Fulcrum = Literal["compensated", "direct"]
@@ -48,7 +48,7 @@ class InstrumentPivot:
     def outer(self, T: Array) -> Array:
         """Return the pose (4, 4) of the outer end for a tool pose T (4, 4), both in base, with the same orientation."""
         inner = T[:3, 3] - self.p_port  # from the port to the tip
-        depth = max(float(np.linalg.norm(inner)), 1e-9)
+        depth = max(length(inner), 1e-9)
         return spatial.pose(T[:3, :3], self.p_port - inner * ((self.length - depth) / depth))
 
     def tool(self, T: Array, direct: bool) -> Array:
@@ -63,7 +63,7 @@ class InstrumentPivot:
         line = T[:3, 3] - self.p_port
         if direct:
             line = self.p_port - T[:3, 3]  # the outer end is on the other side of the port
-        distance = float(np.linalg.norm(line))
+        distance = length(line)
         depth = self.length - distance if direct else distance
         depth = min(max(depth, SHORTEST_PART), self.length - SHORTEST_PART)
         a = self.axis  # a pose in the port gives no direction
@@ -80,7 +80,7 @@ class InstrumentPivot:
         if along >= np.cos(LARGEST_ANGLE):
             return a
         across = a - along * self.axis
-        size = float(np.linalg.norm(across))
+        size = length(across)
         if size < 1e-9:
             return self.axis  # opposite to the axis: no edge of the cone is nearest
         return np.cos(LARGEST_ANGLE) * self.axis + np.sin(LARGEST_ANGLE) * across / size
@@ -90,7 +90,7 @@ def turned(a: Array, b: Array) -> Array:
     """Return the smallest rotation (3, 3) that turns the unit vector a (3,) into b (3,)."""
     # Two reflections: exact also near half a turn, where the usual formula divides two differences that cancel.
     middle = a + b
-    size = float(np.linalg.norm(middle))
+    size = length(middle)
     if size < 1e-8:  # half a turn about any axis across a
         across = spatial.frame_from_axes(a, spatial.unit_across(a))[:, 0]
         return spatial.exp_so3(np.pi * across)

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from twin.core.errors import KinematicsError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.formula import symbolic
 from twin.formula.evaluator import Evaluator
 from twin.kinematics import Kinematics
@@ -107,7 +107,7 @@ def step(
     dq = scale * solve(J * scale, e, lower / scale, upper / scale)
     dq = np.minimum(np.maximum(dq, lower), upper)
     at_limit = (dq <= lower) | (dq >= upper)
-    return JointStep(q + dq, dq, float(np.linalg.norm(J @ dq - e)), at_limit)
+    return JointStep(q + dq, dq, length(J @ dq - e), at_limit)
 
 
 class ToolToJoints(Block):
@@ -152,7 +152,7 @@ class ToolToJoints(Block):
 def _damped(J: Array, e: Array, lower: Array, upper: Array) -> Array:
     """Return the x that minimises |J x - e|^2 + damping^2 |x|^2 within bounds."""
     n = J.shape[1]
-    mu = _RELATIVE_DAMPING * np.linalg.norm(J) / np.sqrt(n)
+    mu = _RELATIVE_DAMPING * length(J.ravel()) / np.sqrt(n)
     A = J.T @ J + mu**2 * np.eye(n)
     b = J.T @ e
     x = np.linalg.solve(A, b)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core import spatial
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE, TOOLS
 from twin.simulation.controllers.teleoperation import Teleoperation
@@ -89,7 +89,7 @@ class PenToHandle(Block):
 
     def _has_jumped(self, pose: Array) -> bool:
         """Return whether the hand is farther from its last pose than a hand moves in one tick."""
-        distance = np.linalg.norm(pose[:3, 3] - self._last_pose[:3, 3])
+        distance = length(pose[:3, 3] - self._last_pose[:3, 3])
         angle = spatial.rotation_angle(pose[:3, :3] @ self._last_pose[:3, :3].T)
         largest_distance, largest_angle = LARGEST_MOTION
         return bool(distance > largest_distance or angle > largest_angle)

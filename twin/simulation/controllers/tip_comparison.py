@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.kinematics import Kinematics
 
 
@@ -19,7 +19,7 @@ class TipComparison:
 
     def apart(self, q: Array, q_other: Array) -> float:
         """Return the distance in m between the tips at the joint values q and `q_other` (n,)."""
-        return float(np.linalg.norm(self.tip(q) - self.tip(q_other)))
+        return length(self.tip(q) - self.tip(q_other))
 
     def tip(self, q: Array) -> Array:
         """Return the position of the tip (3,) in m in base."""

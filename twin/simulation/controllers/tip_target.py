@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import WorldError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.core.units import MM
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import ROBOT_GOAL, ROBOT_TIP_TARGET
@@ -33,7 +33,7 @@ class TipTarget(Block):
         self._port = np.array(port, float)
         self._T_base_world = spatial.inverse(T_world_base)
         self._x_start = T_world_tool[:3, 0].copy()
-        distance = float(np.linalg.norm(T_world_tool[:3, 3] - port))
+        distance = length(T_world_tool[:3, 3] - port)
         if distance < _LEAST_DEPTH:
             raise WorldError(
                 f"{robot}: its tip is {distance / MM:.1f} mm from its port at the start; start it at least "
@@ -49,15 +49,15 @@ class TipTarget(Block):
         if p.tobytes() != self._last_target:  # a new target; comparing bytes is faster than comparing arrays
             self._last_target = p.tobytes()
             from_port = p - self._port
-            if from_port[2] < 0 and np.linalg.norm(from_port) >= _LEAST_DEPTH:
+            if from_port[2] < 0 and length(from_port) >= _LEAST_DEPTH:
                 self._last_goal = self._pose(p)
         return {self._goal: self._last_goal.ravel()}
 
     def _pose(self, target: Array) -> Array:
         """Return the tool pose (4, 4) in base for a target (3,) in m in the World."""
         from_port = target - self._port
-        z = from_port / np.linalg.norm(from_port)
+        z = from_port / length(from_port)
         x = self._x_start - z * (z @ self._x_start)  # the part of the first x axis across the shaft
-        x /= np.linalg.norm(x)
+        x /= length(x)
         R_world_tool = np.column_stack([x, np.cross(z, x), z])
         return self._T_base_world @ spatial.pose(R_world_tool, target)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.machine.machine_parts import Parts
 from twin.simulation.machine.physics import TICK
@@ -49,7 +49,7 @@ class MachineComparison:
     @property
     def deviation(self) -> float:
         """Distance in m between the tips of machine and model."""
-        return float(np.linalg.norm(self.tips[1] - self.tips[0]))
+        return length(self.tips[1] - self.tips[0])
 
     @property
     def force(self) -> Array:

@@ -24,7 +24,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import KinematicsError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.core.units import UM
 from twin.simulation.machine.gravity_compensation import GravityEfforts, LoopHolding
 from twin.simulation.machine.itp import Packet
@@ -215,7 +215,7 @@ class ControlSoftware:
         self._motors = readings[:n]
         self._motor_rates = readings[n:]
         self.q = self._mechanism.from_motors(self._motors)
-        self.qd = self._rate_matrix.dot(self._motor_rates)
+        self.qd = self._rate_matrix @ self._motor_rates
 
     def _read_level(self, t: float, plc_level: Level) -> Level:
         """Return the run level that counts at t in s, as its faults leave it."""
@@ -286,7 +286,7 @@ class ControlSoftware:
         T[:3, 3] += UM * packet.values[:3]
         if qx or qy or qz:  # without vector part, the quaternion is no rotation
             quat_wxyz = packet.values[3:7]
-            T[:3, :3] = spatial.matrix_from_quat_wxyz(quat_wxyz / np.linalg.norm(quat_wxyz)) @ T[:3, :3]
+            T[:3, :3] = spatial.matrix_from_quat_wxyz(quat_wxyz / length(quat_wxyz)) @ T[:3, :3]
         seed = self.wanted
         if grasp:
             opening = self._parts.settings.number.grasp_step.value * grasp

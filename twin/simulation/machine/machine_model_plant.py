@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.core.spatial import Array
+from twin.core.spatial import Array, length
 from twin.model.trainer import MODEL
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.trainer_states import TrainerPhase
@@ -115,8 +115,8 @@ class MachineModelPlant(Block):
         force = np.zeros(3)
         if phase in (TrainerPhase.TELEOPERATE, TrainerPhase.REPLAY) and together and answers:
             force = comparison.force
-        model_speed = float(np.linalg.norm(self._speed))
-        machine_speed = float(np.linalg.norm(comparison.speeds[0]))
+        model_speed = length(self._speed)
+        machine_speed = length(comparison.speeds[0])
         return {
             ROBOT_Q.of(name): measured,
             ROBOT_ENCODER.of(name): model.q if model_alone else measured,

@@ -74,6 +74,7 @@ def train(
     world = console_scene.world(setup, device, records=False, watch=[outbox, tape], parts=parts)
     exchange = Exchange(links, states, outbox)
     keep = Keep(world, kept(world))
+    lag = 0.0
     begin = time.monotonic()
     with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
@@ -83,6 +84,7 @@ def train(
                 time.sleep(wait)
             elif wait < -_OWED:
                 begin -= wait  # the clock of the World begins anew: the lag remains
+                lag -= wait
             exchange.receive()
             world.step()
             exchange.send()
@@ -96,7 +98,7 @@ def train(
                         raise DeviceError(f"{name}: {link.problem}")
                 progress(trainee.doing, trainee.done)
     forces = keep.forces.measures()
-    return SessionRun(keep.recording(), keep.ticks, world.dt, condition=setup.condition, forces=forces)
+    return SessionRun(keep.recording(), keep.ticks, world.dt, condition=setup.condition, forces=forces, lag=lag)
 
 
 def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:

@@ -105,6 +105,7 @@ class SessionRun:
         missed: names of the targets that a simulated surgeon gave up.
         condition: condition of the session; None: the World has no forces on the hands.
         forces: measures of the forces on the hands, of all ticks; None: the World has no forces on the hands.
+        lag: time in s by which a World with real machines remained behind real time.
     """
 
     recording: Recording
@@ -114,6 +115,7 @@ class SessionRun:
     missed: tuple[str, ...] = ()
     condition: Condition | None = None
     forces: ForceMeasures | None = None
+    lag: float = 0.0
 
     @property
     def duration(self) -> float:

@@ -53,7 +53,6 @@ class Signals:
             values.append(vector)
             self.sizes[name] = len(vector)
         self.row = np.concatenate([*values, []])  # []: a World without signals has a row of no values
-        self._squared = self.row.dot
         self._views: dict[str, Array] = {}
         read_only: dict[str, Array] = {}
         for name, place in columns(self.sizes).items():
@@ -83,7 +82,7 @@ class Signals:
             WorldError: a value is not finite; the message has the signal and the time `t` in s.
         """
         # The sum of squares is finite if all values are finite and below 1e150. Otherwise, test each value.
-        if not math.isfinite(self._squared(self.row)) and not np.isfinite(self.row).all():
+        if not math.isfinite(self.row @ self.row) and not np.isfinite(self.row).all():
             for name, view in self._views.items():
                 if not np.isfinite(view).all():
                     raise WorldError(f"signal '{name}' is not finite at t = {t:.3f} s: {view.tolist()}")
