@@ -97,9 +97,12 @@ class Peer:
         return await self.until(lambda: next((d for d in self.documents if d.get("id") == id), None))
 
     async def until(self, what, seconds=60.0):
-        """Call `what` until its result is true, and return the result; fail after a time limit in s."""
+        """Call `what` until its result is true, and return the result; fail after a time limit in s.
+
+        `last` without a message of its type counts as not true yet.
+        """
         end = time.monotonic() + seconds
-        while not (found := what()):
+        while not (found := _result(what)):
             assert time.monotonic() < end, (self.documents[-3:], self.frames[-1:])
             assert not self._reader.done() or time.monotonic() < end - seconds + 0.2, "the line was closed"
             await asyncio.sleep(0.005)
@@ -114,6 +117,13 @@ class Peer:
 
     def last(self, type):
         return next(d for d in reversed(self.documents) if d["type"] == type)
+
+
+def _result(what):
+    try:
+        return what()
+    except StopIteration:
+        return None
 
 
 @asynccontextmanager
