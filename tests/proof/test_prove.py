@@ -215,6 +215,7 @@ def test_an_answer_without_a_value_at_some_states_only_is_searched_at_the_others
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.3) < 5e-5
 
 
+@pytest.mark.slow
 def test_an_operation_without_an_exact_form_is_refuted_by_its_values_or_named():
     robot = twin.load("pa10")
     verdicts = []
@@ -271,6 +272,7 @@ def test_a_condition_that_is_true_where_its_margin_is_zero_is_open(relation):
     assert [claim.name for claim in proof.claims if claim.status != "proved"] == ["conditions"]
 
 
+@pytest.mark.slow
 def test_equations_without_a_value_that_do_not_say_why_are_refuted():
     robot = twin.load("pa10")
 

@@ -765,6 +765,7 @@ def test_a_message_for_a_console_is_refused_without_one(sils, planned):
     asyncio.run(go())
 
 
+@pytest.mark.slow
 def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
     file = tmp_path / "session.json"
 

@@ -175,6 +175,7 @@ def test_a_gimbal_explains_the_printed_angles_or_not(std, severities, tmp_path):
     assert [f.severity for f in changed.findings if "gimbal" in f.message] == severities
 
 
+@pytest.mark.slow
 def test_rotations_without_quantisation_are_exact_and_a_gimbal_adds_its_rounding():
     """Two rounded angles about one axis differ by a triangular error: r sqrt(2/12), as for positions."""
     from twin.simulation.controllers.console_equations import console
