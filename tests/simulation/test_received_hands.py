@@ -65,3 +65,21 @@ def test_hands_that_leave_during_a_tick_are_silent(monkeypatch):
     device.give(state(0, 1))
     device.give(state(1, 1))
     assert device.step({}, 0.0, 1e-3)["pedals.silent"] == 1.0
+
+
+def test_a_state_from_before_leaving_does_not_keep_the_next_sender_out(monkeypatch):
+    device = ReceivedHands("pedals", moving=(0,))
+    accept = device._accept
+
+    def leave_and_accept(arrived, t):
+        device.leave()
+        accept(arrived, t)
+
+    device.give(state(0, 1))
+    with monkeypatch.context() as patch:
+        patch.setattr(device, "_accept", leave_and_accept)
+        device.step({}, 0.0, 1e-3)
+    device.give(state(0, 500_000, grip=0.5))
+    signals = device.step({}, 1e-3, 1e-3)
+    assert (signals["right.grip"], signals["pedals.ignored"], signals["pedals.silent"]) == (0.5, 0.0, 1.0)
+    assert device.step({}, 2e-3, 1e-3)["pedals.silent"] == 0.0

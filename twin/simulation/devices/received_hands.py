@@ -96,13 +96,15 @@ class ReceivedHands(Block):
         self.hands = tuple(hands)
         self.patience = patience
         self.moving = tuple(moving)
-        self._arrived: deque[HandState] = deque()  # filled by another thread
+        # filled by another thread; a number is that of a call of `leave`, whose states come after it
+        self._arrived: deque[HandState | int] = deque()
         self._last_states: list[HandState | None] = [None, None]
         self._arrival_times = [-math.inf, -math.inf]  # in s, of the last state of each hand
         self._lost_counts = [0, 0]
         self._ignored = 0
         self._scale = scale
-        self._is_disconnected = False  # whether `leave` was called since the last tick
+        self._leave_count = 0  # number of calls of `leave`
+        self._last_leave = 0  # number of the last one that a tick has seen
         self._is_haptics_on = True
         self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
@@ -113,9 +115,10 @@ class ReceivedHands(Block):
 
     def leave(self) -> None:
         """Disconnect the hands: they are silent in the next tick, even if new states arrive."""
+        # Only `step` changes what is known of the hands: another thread may call it now.
+        self._leave_count += 1
         self._arrived.clear()
-        self._arrival_times = [-math.inf, -math.inf]
-        self._is_disconnected = True
+        self._arrived.append(self._leave_count)
 
     def rescale(self, scale: float) -> None:
         """Set the motion scale from the next tick on; ignore and count a value that is not finite and positive."""
@@ -156,20 +159,26 @@ class ReceivedHands(Block):
 
     def silent(self, hand: int, t: float) -> bool:
         """Return whether a hand has been silent for longer than `patience`, at time t in s."""
-        return t - self._arrival_times[hand] > self.patience
+        has_left = self._last_leave < self._leave_count
+        return has_left or t - self._arrival_times[hand] > self.patience
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
         """Use the states that arrived since the last tick."""
+        is_disconnected = False
         # Another thread may call `give` meanwhile: a state beyond the present number waits for the next tick.
         for _ in range(len(self._arrived)):
             try:
-                state = self._arrived.popleft()
+                arrived = self._arrived.popleft()
             except IndexError:  # another thread has called `leave`
                 break
-            self._accept(state, t)
+            if isinstance(arrived, HandState):
+                self._accept(arrived, t)
+                continue
+            self._last_leave = max(self._last_leave, arrived)
+            self._arrival_times = [-math.inf, -math.inf]
+            is_disconnected = True
         values = self._signals(t)
-        if self._is_disconnected:
-            self._is_disconnected = False
+        if is_disconnected:
             values[DEVICE_SILENT.of(self.device)] = 1.0
         return values
 
