@@ -328,6 +328,7 @@ def test_procedure_that_is_done_passes_all_checks(vsrs):
         ({"clip_1__on": -1}, ["clip"]),  # beside all vessels
         ({"clip_2__cover": 0.6}, ["clip"]),  # not over the whole width
         ({"clip_3__at": 0.018}, ["cut"]),  # all clips on one side of the cut: the end of the organ is open
+        ({"clip_1__at": 0.012}, ["cut"]),  # two clips on the organ's side, one on the side that stays
         ({"cystic_duct__cut": 0}, ["cut"]),
         ({"gallbladder__freed": (1, 1, 1, 1, 1, 1, 0)}, ["remove"]),
         ({"liver__depth": 0.009}, ["organs"]),
@@ -337,6 +338,12 @@ def test_procedure_that_is_done_passes_all_checks(vsrs):
 )
 def test_each_fault_fails_its_check(vsrs, changes, checks):
     assert failed(signals(vsrs, **changes)) == checks
+
+
+def test_clip_after_the_cut_does_not_undo_the_leak(vsrs):
+    after_cut = np.where(np.arange(100) > 80, 0.0, -2.0)[:, None]
+    clips = {"clip_3__at": 0.018, "clip_4__cover": 1, "clip_4__at": 0.010, "clip_4__on": after_cut}
+    assert failed(signals(vsrs, **clips)) == ["cut"]
 
 
 @pytest.mark.parametrize(

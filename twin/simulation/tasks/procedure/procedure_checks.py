@@ -315,11 +315,7 @@ class ProcedureReferee(Block):
     def _clip(self) -> ProcedureCheck:
         procedure = self.procedure
         required = procedure.clips_kept + procedure.clips_taken
-        times = []
-        for clip in self._closing_clips():
-            if clip.t <= self._t_cut:
-                times.append(clip.t)
-        times.sort()
+        times = sorted(clip.t for clip in self._clips_before_cut())
         partial = 0
         beside = 0
         for clip in self.closed:
@@ -345,7 +341,16 @@ class ProcedureReferee(Block):
                 clips.append(clip)
         return clips
 
+    def _clips_before_cut(self) -> list[ClosedClip]:
+        """Return the clips that closed the vessel of the procedure before it was cut."""
+        clips = []
+        for clip in self._closing_clips():
+            if clip.t <= self._t_cut:
+                clips.append(clip)
+        return clips
+
     def _cut(self) -> ProcedureCheck:
+        procedure = self.procedure
         vessel = self._vessels[self._vessel_number]
         cut_segments = np.flatnonzero(self._cuts[self._vessel_number])
         if not len(cut_segments):
@@ -354,7 +359,8 @@ class ProcedureReferee(Block):
         high = vessel.arc[cut_segments[-1] + 1]
         on_organ_side = 0
         on_other_side = 0
-        for clip in self._closing_clips():
+        clips_before_cut = self._clips_before_cut()
+        for clip in clips_before_cut:
             on_organ_side += bool(clip.at < low)
             on_other_side += bool(clip.at > high)
         open_ends = []
@@ -366,6 +372,12 @@ class ProcedureReferee(Block):
         text = f"cut {low / MM:.1f} mm from the organ, clips: {clips}"
         if open_ends:
             text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
+            return ProcedureCheck("cut", False, None, text, lost=True)
+        # too few clips are the finding of `_clip`; here, enough clips are on the wrong sides of the cut
+        are_enough = len(clips_before_cut) >= procedure.clips_kept + procedure.clips_taken
+        is_too_few_on_a_side = on_organ_side < procedure.clips_taken or on_other_side < procedure.clips_kept
+        if are_enough and is_too_few_on_a_side:
+            text += f" (required: {procedure.clips_taken} and {procedure.clips_kept})"
             return ProcedureCheck("cut", False, None, text, lost=True)
         return ProcedureCheck("cut", True, self._t_cut, text)
 
