@@ -35,6 +35,13 @@ def cells(path):
     return [dict(zip(head, row, strict=True)) for row in rows]
 
 
+def test_names_with_other_line_ends_stay_in_their_cells(tmp_path):
+    for user, group in (("Ann\u2028Lee", "VR"), ("Bo\x85b", "box\x0b")):
+        TrialTable(tmp_path / "t.csv", user, group).add({"time_s": 30.0})
+    assert TrialTable(tmp_path / "t.csv", "Ann\u2028Lee", "VR").trial == 1
+    assert compare(tmp_path / "t.csv").users.groups == ["VR", "box"]
+
+
 def test_answers_before_go_to_the_next_trial_and_answers_after_to_the_last(forms, tmp_path):
     table = forms._trials
     assert forms.state() == {"when": "before", "name": "ssq", "left": 1}

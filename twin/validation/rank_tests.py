@@ -9,6 +9,7 @@ the first group. The measure A of Vargha and Delaney (J. Educational and Behavio
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -535,7 +536,8 @@ def _cells_of_file(path: Path) -> list[list[str]]:
     """
     try:
         text = read_text(path, "CSV", "utf-8-sig")
-        return list(csv.reader(text.splitlines()))
+        # not `splitlines`, which also ends a line at characters that a name may have, such as U+2028
+        return list(csv.reader(io.StringIO(text, newline=None)))
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None
     except (OSError, csv.Error) as error:

@@ -143,7 +143,8 @@ class TrialTable:
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{self.path}: cannot be read: {error}") from error
         try:
-            lines = list(csv.reader(text.splitlines()))
+            # not `splitlines`, which also ends a line at characters that a name may have, such as U+2028
+            lines = list(csv.reader(io.StringIO(text, newline=None)))
         except csv.Error as error:
             raise TwinError(f"{self.path}: is no table: {error}; correct the file, or give a new one") from error
         head = lines[0] if lines else []
