@@ -306,6 +306,27 @@ def test_a_folder_stands_for_its_session(four, tmp_path):
         study_sessions(four | {"last": [tmp_path]})
 
 
+def test_a_session_that_differed_from_its_recording_is_refused(four, tmp_path):
+    other = session(tmp_path, "other", 80, replay="differs")
+    with pytest.raises(DescriptionError, match=r"other\.json: the replay of this session differed"):
+        study_sessions({**four, "last": [*four["last"], other]})
+
+
+def test_an_interrupted_session_is_named(four, tmp_path):
+    other = session(tmp_path, "other", 80, findings=[{"code": "session.interrupted"}])
+    found = study_sessions({**four, "last": [*four["last"], other]})
+    (finding,) = [f for f in found.findings if f.code == "study.interrupted"]
+    assert finding.where == str(other)
+    assert not [f for f in study_sessions(four).findings if f.code == "study.interrupted"]
+
+
+def test_a_session_in_which_nothing_began_is_not_the_fastest(four, tmp_path):
+    content = json.loads(session(tmp_path, "other", 80).read_text())
+    idle = measures(content | {"time_s": 0.0, "alignment": None})
+    assert np.isnan(idle["time_s"])
+    assert idle["psm1_path_mm"] == 800
+
+
 def test_measures_of_a_peg_board_are_the_papers():
     board = {"time_s": 200, "rings_transferred": 4, "rings_dropped": 1, "instrument_collisions": 2, "errors": 3}
     hands = [{"robot": "psm1", "path_mm": 5}]

@@ -19,6 +19,7 @@ import twin
 from made.consoles import with_near_targets
 from made.scene_text import refused
 from twin.api.console_runs import operate_console, replay_session
+from twin.api.procedure import is_procedure
 from twin.api.scene_parts import members_of
 from twin.cli import main
 from twin.core import spatial
@@ -423,13 +424,17 @@ def test_a_session_of_another_scene_is_refused(recorded, near, davinci, tmp_path
     strange.write_bytes(with_head(recorded.read_bytes(), scene="nowhere"))
     with pytest.raises(TwinError, match="scene 'nowhere' is not built in: give its folder with --scene"):
         replay_session(strange)
+    with pytest.raises(TwinError, match="scene 'nowhere' is not built in: give its folder with --scene"):
+        is_procedure(strange)
 
 
 def test_a_session_of_a_world_with_other_signals_is_refused(recorded, setup):
     session = read_session(recorded)
-    fewer = session.head.model_copy(update={"world": session.head.world[1:], "twin": "0.0.9"})
-    with pytest.raises(WorldError, match=r"written by twin 0\.0\.9, whose World has other signals"):
-        session_run.replay(replace(session, head=fewer), setup, lambda label, part: None)
+    signals = session.head.world
+    for others in (signals[1:], signals[::-1]):
+        head = session.head.model_copy(update={"world": others, "twin": "0.0.9"})
+        with pytest.raises(WorldError, match=r"written by twin 0\.0\.9, whose World has other signals"):
+            session_run.replay(replace(session, head=head), setup, lambda label, part: None)
 
 
 # -- a person's hands -----------------------------------------------------------------------------------------------

@@ -10,9 +10,8 @@ import numpy as np
 from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Robot
-from twin.api.scene_loading import as_scene, load_scene
+from twin.api.scene_loading import as_scene, scene_of_session
 from twin.api.scene_parts import members_of, props_of, robots_at
-from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.progress import Progress, silent
@@ -180,13 +179,7 @@ def replay_session(
     path = Path(path)
     session = read_session(path)
     head = session.head
-    # a file states the name of its scene, not its folder
-    if scene is None and head.scene not in assets.scenes():
-        raise TwinError(f"{path}: scene '{head.scene}' is not built in: give its folder with --scene")
-    if isinstance(scene, Scene):
-        chosen_scene = scene
-    else:
-        chosen_scene = load_scene(scene or head.scene)
+    chosen_scene = scene_of_session(path, head.scene, scene)
     if head.task is not None and head.task not in chosen_scene.tasks:
         raise TwinError(f"{path}: scene '{chosen_scene.name}' has no task '{head.task}', the task of the session")
     task = None

@@ -30,6 +30,9 @@ from twin.simulation.session.session_run import Difference, SessionRun
 from twin.simulation.session.task_play import ArmPath, TaskOutcome
 from twin.simulation.session.training import Training
 
+INTERRUPTED = "session.interrupted"
+"""Code of the finding on a session whose file ends too early."""
+
 
 @dataclass(frozen=True)
 class ConsoleSession(Result):
@@ -133,7 +136,7 @@ class ConsoleSession(Result):
         if difference is not None:
             findings.append(_replay_finding(difference))
         if self.lost:
-            findings.append(warning("session.interrupted", self.source, self.lost))
+            findings.append(warning(INTERRUPTED, self.source, self.lost))
         if self.console.time == 0:  # all measures of hands are then zero, which looks like a fault of twin
             text = "no arm followed a hand: the condition to start following (docs/console-reference.md) was never met"
             findings.append(warning("session.idle", "", text))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.api.scene_loading import as_scene, load_scene
+from twin.api.scene_loading import as_scene, scene_of_session
 from twin.api.scene_parts import anatomy_of, members_of, props_of, robots_at
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -277,10 +277,7 @@ def replay_procedure(
     """
     path = Path(path)
     session = read_session(path)
-    if isinstance(scene, Scene):
-        chosen_scene = scene
-    else:
-        chosen_scene = load_scene(scene or session.head.scene)
+    chosen_scene = scene_of_session(path, session.head.scene, scene)
     if session.head.task is None:
         raise TwinError(f"{path}: the session has no task")
     task = task_of(chosen_scene, session.head.task)
@@ -298,8 +295,9 @@ def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:
         WorldError: the file is damaged.
         TwinError: there is no such scene.
     """
-    head = read_session(Path(path)).head
+    path = Path(path)
+    head = read_session(path).head
     if head.task is None:
         return False
-    task = load_scene(scene or head.scene).tasks.get(head.task)
+    task = scene_of_session(path, head.scene, scene).tasks.get(head.task)
     return task is not None and not task.kind.console

@@ -44,6 +44,19 @@ def as_scene(scene: Scene | str | Path) -> Scene:
     return load_scene(scene)
 
 
+def scene_of_session(path: Path, name: str, scene: Scene | str | Path | None = None) -> Scene:
+    """Return the scene of a session file `path`, which states the name of its scene, not the scene's folder.
+
+    `scene` is the scene, its name or its path; None: the built-in scene with this name.
+
+    Raises:
+        TwinError: there is no such scene, or the file names one that is not built in.
+    """
+    if scene is None and name not in assets.scenes():
+        raise TwinError(f"{path}: scene '{name}' is not built in: give its folder with --scene")
+    return as_scene(name if scene is None else scene)
+
+
 def place_of(scene: Scene, name: str, taken_names: Collection[str] = ()) -> Place:
     """Return the place named `name` or, if there is none, the first place with a built-in robot named `name`.
 

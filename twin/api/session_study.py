@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from twin.api.console_runs import replay_session
-from twin.api.console_session import ConsoleSession
+from twin.api.console_session import INTERRUPTED, ConsoleSession
 from twin.core.errors import DescriptionError
+from twin.core.findings import warning
 from twin.core.foreign.text import load_json
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.progress import Progress, silent
@@ -21,8 +22,8 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
     session.json written by `twin session --out` or `twin operate`, or a folder that contains session.json.
 
     Raises:
-        DescriptionError: there are fewer than two groups, a file is not a session, the replay of a session differs from
-            the recording, or the tasks of the sessions differ.
+        DescriptionError: there are fewer than two groups, a file is not a session, the replay of a session differed
+            from the recording, or the tasks of the sessions differ.
         WorldError: a session is damaged.
     """
     if len(groups) < 2:
@@ -36,6 +37,7 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
             files.append((group, number, Path(path)))
     rows: list[dict[str, float]] = []
     tasks: dict[str, Path] = {}
+    interrupted: list[str] = []
     for i, (_, _, path) in enumerate(files):
         progress(path.name, i / len(files))
         content = _content(path)
@@ -44,6 +46,9 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
             name = content["task"] or "none"
             task = f"{scene}, task {name}"
             row = measures(content)
+            for finding in content.get("findings", ()):
+                if finding["code"] == INTERRUPTED:
+                    interrupted.append(str(path))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise DescriptionError(f"{path}: the session is damaged ({type(error).__name__}: {error})") from error
         tasks.setdefault(task, path)
@@ -65,7 +70,11 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
         groups_of_files.append(group)
         numbers.append(float(number))
     (task,) = tasks
-    users = Users(task, groups_of_files, numbers, False, table)
+    findings = []
+    if interrupted:
+        text = "the recording was interrupted, so that times and counts end early; leave such sessions out"
+        findings.append(warning("study.interrupted", ", ".join(interrupted), text))
+    users = Users(task, groups_of_files, numbers, False, table, findings)
     return compare_users(users)
 
 
@@ -105,6 +114,8 @@ def measures(content: JsonMapping) -> dict[str, float]:
     if targets:
         times = [target["t_s"] for target in targets]
         values["targets_touched"] = len(times) - times.count(None)
+    if not values["time_s"]:
+        values["time_s"] = None  # nothing has begun: a time of 0 s would be the best of all
     numbers: dict[str, float] = {}
     for name, value in values.items():
         numbers[name] = float("nan") if value is None else float(value)
@@ -116,10 +127,10 @@ def _content(path: Path) -> JsonObject:
     if path.is_dir():
         path /= "session.json"
     if path.suffix != ".json":
-        session = replay_session(path)
-        if session.run.difference is not None:
+        content = replay_session(path).as_dict()
+        if content["replay"] == "differs":
             raise DescriptionError(f"{path}: its replay differs from the recording; for details: twin session {path}")
-        return session.as_dict()
+        return content
     try:
         content = load_json(path)
     except (OSError, ValueError, RecursionError) as error:
@@ -129,4 +140,6 @@ def _content(path: Path) -> JsonObject:
         raise DescriptionError(
             f"{path}: this is not the session.json of a session; `twin session FILE --out FOLDER` writes one"
         )
+    if content.get("replay") == "differs":
+        raise DescriptionError(f"{path}: the replay of this session differed from its recording; leave the session out")
     return content

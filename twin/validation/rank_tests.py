@@ -105,7 +105,7 @@ class Users:
         sessions: (k,) number of the session in each row; None: the table has no such column.
         repeated: whether rows with different session numbers belong to the same users.
         measures: values (k,) by measure; NaN: an empty cell.
-        findings: findings on questionnaires.
+        findings: findings on questionnaires, or on interrupted sessions.
     """
 
     file: str

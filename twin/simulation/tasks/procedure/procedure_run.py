@@ -98,7 +98,9 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Se
     recorded = Recorded(Recording(head.dt, sizes, session.device), *sizes)
     tape = Tape()
     world = kind.world(setup, recorded, records=False, watch=[tape])
-    if world.signals.sizes != session_file.sizes(head.world) or not np.isclose(head.dt, world.dt):
+    # in their order as well: rows are compared number by number
+    has_same_signals = list(world.signals.sizes.items()) == list(session_file.sizes(head.world).items())
+    if not has_same_signals or not np.isclose(head.dt, world.dt):
         raise WorldError(
             f"{path}: the session was written by twin {head.twin}, whose World has other signals: replay it with that "
             "version"
