@@ -120,6 +120,19 @@ def test_a_drawn_angle_is_on_the_unit_circle_and_within_its_range():
     assert angle.real.max() < 2.4
 
 
+def test_an_angle_is_drawn_near_given_ones_that_are_half_a_turn_or_more_from_the_middle():
+    low, high = -4.5, 4.6
+    centres = np.concatenate([np.linspace(low, high, 400), np.pi + np.linspace(-0.004, 0.004, 50)])
+    angle = draws.turn(np.random.default_rng(1), low, high, 450, "a", centres=centres)
+    np.testing.assert_allclose(angle.real, centres, rtol=0, atol=1e-9)
+    assert angle.real.min() >= low
+    assert angle.real.max() <= high
+    square = values.total(values.product(angle.cosine, angle.cosine), values.product(angle.sine, angle.sine))
+    assert (square.residue == 1).all()
+    np.testing.assert_allclose(np.cos(angle.real), angle.cosine.real, atol=1e-14)
+    np.testing.assert_allclose(np.sin(angle.real), angle.sine.real, atol=1e-14)
+
+
 x = ca.SX.sym("x")
 y = ca.SX.sym("y")
 a = ca.SX.sym("a")

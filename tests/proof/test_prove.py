@@ -33,6 +33,7 @@ from twin.proof.fit_conditions import is_judged_by_others
 from twin.proof.precise import certainly_not_zero
 from twin.proof.program import ProgramStep
 from twin.proof.prove import prove
+from twin.proof.random_states import random_states
 from twin.proof.values import ExactValue
 
 STATES = 1024
@@ -164,6 +165,29 @@ def test_an_error_in_a_box_that_no_drawn_state_meets_is_found(width):
     verdicts = {claim.name: claim for claim in proof.claims}
     assert verdicts["forward: joint mount"].status == "refuted"
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.12345) <= width
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", ["q5 > 3.6", "1 - cos((q5 - atan2(sin(q5), cos(q5))) / 2)"])
+def test_an_error_more_than_half_a_turn_from_the_middle_of_a_range_is_found(error):
+    """Joint 5 makes 255 degrees to both sides; the second error is 0 within half a turn, and has no condition."""
+    robot = twin.load("pa10")
+    (function,) = [f for f in proof_mutants.functions(robot.formula) if f.__name__ == "table1"]
+    text = Path(function.__code__.co_filename).read_text(encoding="utf-8")
+    with proof_mutants.with_text(function, text.replace("0, q5, RL5", f"0, q5 + 0.001 * ({error}), RL5")):
+        proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism)
+    assert {claim.name: claim.status for claim in proof.claims}["forward: joint mount"] == "refuted"
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [((7.0, np.inf), (7.0, 7.0 + 2 * np.pi)), ((-np.inf, -7.0), (-7.0 - 2 * np.pi, -7.0)), (None, (-np.pi, np.pi))],
+)
+def test_a_joint_with_one_limit_is_drawn_over_a_full_turn_beside_it(limits, expected):
+    robot = twin.load("pa10")
+    joints = tuple(replace(joint, limits=limits) if joint.name == "q5" else joint for joint in robot.mechanism.joints)
+    states = random_states(robot.formula, replace(robot.mechanism, joints=joints), 4, 0)
+    assert states.ranges["q5"][1:] == pytest.approx(expected)
 
 
 def test_an_error_beyond_the_joint_limits_is_none_by_intervals():

@@ -16,7 +16,7 @@ from twin.proof import form as forms
 from twin.proof.constants import exact_angle
 from twin.proof.degree import Degree
 from twin.proof.program import ProgramStep
-from twin.proof.values import Angle, ExactValue, Value
+from twin.proof.values import Angle, DrawnCondition, ExactValue, Value
 
 
 class RandomRange(NamedTuple):
@@ -56,6 +56,9 @@ _ANGLE_TOLERANCE = 1e-12
 
 _OPEN_SHARE = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
+
+_ROOM_AT_LIMITS = 1e-12
+"""Distance in rad from its limits at which an angle near a far centre is drawn: more than its fractions differ by."""
 
 
 def number(
@@ -101,7 +104,7 @@ def turn(
 ) -> Angle:
     """Return a random angle from low to high rad at each of k states, within half a turn of their middle.
 
-    If angles `centres` (k,) are given, it is near them.
+    If angles `centres` (k,) are given, it is near them, also beyond half a turn.
 
     The tangent t of half its distance from a multiple of 30 degrees near the middle is a random fraction; cosine and
     sine are fractions of t: (1 - t^2) / (1 + t^2) and 2 t / (1 + t^2).
@@ -114,14 +117,12 @@ def turn(
     if centres is not None:
         central_tangents = np.tan(np.clip(centres - origin, -farthest, farthest) / 2)
     t = number(generator, first_tangent, last_tangent, states, name, centres=central_tangents)
-    one = values.constant(1.0, states)
-    square = values.product(t, t)
-    scale = values.reciprocal(values.total(one, square))
-    cosine = values.product(values.difference(one, square), scale)
-    sine = values.product(values.total(t, t), scale)
+    cosine, sine = _of_half_tangent(t)
     real = 2 * np.arctan(t.real)
     from_origin = Angle(cosine, sine, real)
     angle = values.turned(fixed_angle(origin, states), from_origin)
+    if centres is not None:
+        angle = _with_far_centres(generator, angle, low, high, origin, centres)
     # for a certificate, cosine and sine are inputs: it does not repeat how they were drawn
     cosine = replace(angle.cosine, node=ProgramStep("cosine", text=name))
     sine = replace(angle.sine, node=ProgramStep("sine", text=name))
@@ -129,6 +130,43 @@ def turn(
         cosine = replace(cosine, form=forms.cosine(name))
         sine = replace(sine, form=forms.sine(name))
     return replace(angle, cosine=cosine, sine=sine)
+
+
+def _with_far_centres(
+    generator: np.random.Generator, angle: Angle, low: float, high: float, origin: float, centres: Array
+) -> Angle:
+    """Return an angle (k,) that is near its centres (k,) where those are half a turn or more from an origin, too.
+
+    The tangent that draws the angle has no value at half a turn: there it is that of half the distance from the next
+    whole number of half turns.
+    """
+    is_far = np.abs(centres - origin) > _OPEN_SHARE * math.pi
+    if not is_far.any():
+        return angle
+    states = len(centres)
+    inside = np.clip(centres, low + _ROOM_AT_LIMITS, high - _ROOM_AT_LIMITS)
+    half_turns = np.round((inside - origin) / math.pi)
+    tangents = np.tan((inside - origin - half_turns * math.pi) / 2)
+    # a stream of random numbers of its own: what is drawn near other centres stays as it is
+    (own_generator,) = generator.spawn(1)
+    t = number(own_generator, -1.0, 1.0, states, "", centres=tangents)
+    cosine, sine = _of_half_tangent(t)
+    real = 2 * np.arctan(t.real) + half_turns * math.pi
+    is_odd = DrawnCondition(half_turns % 2 == 1)
+    cosine = values.choose(is_odd, values.minus(cosine), cosine)
+    sine = values.choose(is_odd, values.minus(sine), sine)
+    far = values.turned(fixed_angle(origin, states), Angle(values.scalar(cosine), values.scalar(sine), real))
+    return values.angle(values.choose(DrawnCondition(is_far), far, angle))
+
+
+def _of_half_tangent(t: ExactValue) -> tuple[ExactValue, ExactValue]:
+    """Return cosine and sine of an angle, given the tangent of its half: (1 - t^2) / (1 + t^2), 2 t / (1 + t^2)."""
+    one = values.constant(1.0, len(t.real))
+    square = values.product(t, t)
+    scale = values.reciprocal(values.total(one, square))
+    cosine = values.product(values.difference(one, square), scale)
+    sine = values.product(values.total(t, t), scale)
+    return cosine, sine
 
 
 def _nearest_multiple_of_30_degrees(angle: float) -> float:

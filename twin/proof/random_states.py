@@ -195,9 +195,13 @@ def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, RandomRange]:
         # a locked joint has one value; the equations must hold for all of them
         if not low < high:
             low, high = -widest, widest
-        if not math.isfinite(low) or not math.isfinite(high):
-            low = max(low, -widest)
-            high = min(high, widest)
+        # a joint with one limit is drawn as far from it as one without limits is drawn in all
+        if not math.isfinite(high):
+            high = widest
+            if math.isfinite(low):
+                high = low + 2 * widest
+        if not math.isfinite(low):
+            low = high - 2 * widest
         ranges[joint.name] = RandomRange(joint.kind == "revolute", low, high)
     return ranges
 
