@@ -50,6 +50,21 @@ def ball(**more):
     return tissue("ball", sphere, 1e-3, **more)
 
 
+def corner(**more):
+    """Return a wall on one end of a slab, which lies on the floor, z = 0; half of its grid is empty."""
+    outline = np.array([[0, 0], [0.12, 0], [0.12, 0.03], [0.03, 0.03], [0.03, 0.12], [0, 0.12]])  # x and z in m
+    front = np.insert(outline, 1, 0.0, axis=1)
+    back = np.insert(outline, 1, 0.04, axis=1)
+    triangles = []
+    for a, b, c in ((0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)):
+        triangles += [(a, b, c), (a + 6, c + 6, b + 6)]
+    for a in range(6):
+        b = (a + 1) % 6
+        triangles += [(a, a + 6, b), (b, a + 6, b + 6)]
+    mesh = trimesh.Trimesh(np.concatenate([front, back]), triangles)
+    return tissue("corner", mesh, 1e-4, **{"cells": (4, 1, 4), "edge": np.inf, "upright": True, **more})
+
+
 @functools.cache
 def rod(length=0.2):
     """Return a vertical rod with a length in m; its lower round end is at its origin."""

@@ -196,6 +196,22 @@ def test_bed_lets_go_node_by_node():
     assert (organs.nodes["block"] - tissue.nodes)[:, 2].min() > 40 * MM
 
 
+@pytest.mark.slow
+def test_bed_holds_its_own_nodes_also_where_others_have_no_material():
+    organ = made.corner()
+    organs = Organs([organ], [Tool("tool", made.rod())], [made.at(0, 0, 2)], operable_name="corner")
+    hold = organs.operable.hold
+    p, triangle, shares = nearest(np.array([0, 0, 0.12]), organ.surface.vertices, organ.surface.triangles)
+    hold.grasp(0, shares @ organ.weights[organ.surface.triangles[triangle]], p, 50.0)
+    lift(organs, hold, 2 * MM, 8)
+    moved = np.linalg.norm(organs.nodes["corner"] - organ.nodes, axis=1)
+    assert moved[organ.pinned_nodes].max() < 0.1 * MM < moved.max()
+    for node in organ.pinned_nodes.tolist():
+        hold.let_go(node)
+    lift(organs, hold, 2 * MM, 8)
+    assert np.linalg.norm(organs.nodes["corner"] - organ.nodes, axis=1)[organ.pinned_nodes].max() > 1 * MM
+
+
 # -- vessels -------------------------------------------------------------------------------------------------
 
 

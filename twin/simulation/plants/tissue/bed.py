@@ -6,7 +6,7 @@ weighted sum of the nodes, and therefore linear in the joint values. In MuJoCo, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -58,16 +58,19 @@ class Grip:
         return float(np.linalg.norm(self.offset))
 
 
-def add_constraints(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> None:
-    """Add the constraints of the bed's nodes and of the jaws; `joints`: names of three joints per node."""
+def add_constraints(spec: mujoco.MjSpec, held: Index, joints_of_nodes: Mapping[int, Sequence[str]]) -> None:
+    """Add the constraints of the bed's nodes and of the jaws.
+
+    `joints_of_nodes`: names of the three joints of each node that can move; the bed holds no other node.
+    """
     solref = [2 * spec.option.timestep, 1.0]  # twice the step: the stiffest constraint that is stable
     for node in held.tolist():
-        for axis in range(3):
+        for axis, joint in enumerate(joints_of_nodes.get(node, ())):
             spec.add_equality(
                 name=f"bed_{node}_{axis}",
                 type=mujoco.mjtEq.mjEQ_JOINT,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
-                name1=joints[3 * node + axis],
+                name1=joint,
                 solref=solref,
                 solimp=_IMPEDANCE,
             )
@@ -75,8 +78,9 @@ def add_constraints(spec: mujoco.MjSpec, held: Index, joints: Sequence[str]) -> 
         for axis in range(3):
             name = f"grip_{k}_{axis}"
             tendon = spec.add_tendon(name=name)
-            for joint in joints[axis::3]:
-                tendon.wrap_joint(joint, 3.0 / len(joints))  # `grasp` writes the weights of the held point
+            for joints in joints_of_nodes.values():
+                # `grasp` writes the weights of the held point
+                tendon.wrap_joint(joints[axis], 1.0 / len(joints_of_nodes))
             spec.add_equality(
                 name=name,
                 type=mujoco.mjtEq.mjEQ_TENDON,
@@ -140,6 +144,8 @@ class Hold:
     def let_go(self, node: int) -> None:
         """Free a node of the bed."""
         self.held.discard(node)
+        if node not in self._free_nodes:
+            return  # without material around it, it is not held
         for axis in range(3):
             self._d.eq_active[self._m.equality(f"bed_{node}_{axis}").id] = 0
 

@@ -115,6 +115,7 @@ class Organ:
         t = self.tissue
         volume = f"{t.name}_volume"
         self._joints: list[str] = []
+        joints_of_nodes: dict[int, list[str]] = {}
         tendon = spec.add_tendon(name=volume)
         nodes_along = [cells + 1 for cells in t.cells]
         for index in np.setdiff1d(np.arange(len(t.nodes)), self.fixed).tolist():
@@ -122,11 +123,13 @@ class Organ:
             body = spec.body(f"{t.name}_" + "_".join(map(str, place)))  # the name that MuJoCo gave
             if body is None:
                 continue  # the cells around this node are empty, and no vertex depends on it
+            joints_of_nodes[index] = []
             # MuJoCo scales the constraint by these
             factors = (self._rest_derivatives[index] @ self._R_world_grid / self._volume_scale).tolist()
             for axis, joint, factor in zip("xyz", body.joints, factors, strict=True):
                 joint.name = f"{body.name}_{axis}"
                 self._joints.append(joint.name)
+                joints_of_nodes[index].append(joint.name)
                 tendon.wrap_joint(joint.name, factor)
         spec.add_equality(
             name=volume,
@@ -137,7 +140,7 @@ class Organ:
             solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
         )
         if self._operable:
-            bed.add_constraints(spec, t.pinned_nodes, self._joints)
+            bed.add_constraints(spec, t.pinned_nodes, joints_of_nodes)
 
     def connect(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
         """Find the organ in the compiled model."""
