@@ -18,6 +18,7 @@ from twin.simulation.devices.hand import ScriptedHand
 from twin.simulation.devices.received_hands import HandState, ReceivedHands
 from twin.simulation.limits import JointLimits
 from twin.simulation.session import session_run
+from twin.simulation.session.task_play import play_of
 from twin.simulation.session.trial_table import TrialTable
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import Hole, hole_goals
@@ -53,6 +54,32 @@ def test_the_operator_of_the_console_moves_the_robot_as_the_operator_of_the_robo
     for name, same in (("sher.q", "sher.q"), ("right.handle", "hand.handle"), ("right.pedal", "hand.pedal")):
         assert console[name].tobytes() == single[same].tobytes()
     assert np.ptp(single["sher.q"], axis=0).max() > 1e-4  # the robot has moved
+
+
+TOUCH = """
+[task.touch]
+title = "one target"
+tolerance_mm = 1.0
+hold_s = 0.1
+provenance = "ASSUMED"
+note = "a test"
+target = [{ name = "middle", right_mm = [370, 0, 1128] }]
+"""
+
+
+def test_targets_are_judged_by_the_hands_that_the_console_has(scene, setup, tmp_path):
+    arms = {"sher": Mock(tip=np.tile([0.370, 0, 1.128], (50, 1)))}
+    for text in (TOUCH, TOUCH.replace("right_mm", "left_mm")):
+        (tmp_path / "scene.toml").write_text(scene.file.read_text() + text)
+        one_hand = load_scene(tmp_path / "scene.toml")
+        task = one_hand.tasks["touch"]
+        ready = Setup(one_hand, setup.members, task)
+        if text == TOUCH:
+            found = play_of(task).outcome(ready, task, Mock(t=np.arange(50) * 5e-3), arms)
+            assert found.touched[0].t == pytest.approx(0.1)
+        else:
+            with pytest.raises(TwinError, match=r"target 'middle' is for the left hand, but .* by the right hand only"):
+                play_of(task).outcome(ready, task, Mock(t=np.arange(50) * 5e-3), arms)
 
 
 @pytest.mark.slow

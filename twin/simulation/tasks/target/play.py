@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.core.errors import WorldError
+from twin.core.errors import TwinError, WorldError
 from twin.core.findings import Finding, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import mm
@@ -21,7 +21,6 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.task import ConsoleTask, required_goal
 from twin.simulation import console_scene
-from twin.simulation.console_scene import HANDS
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
 from twin.simulation.session.movement import runs
 from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
@@ -81,9 +80,16 @@ class _TargetPlay(Play):
     ) -> TargetOutcome:
         table = console_scene.console_of(setup.scene)
         tips: dict[str, Array] = {}
-        for hand in HANDS:
+        for hand in table.hands:
             first_robot = getattr(table, hand)[0]
             tips[hand] = arms[first_robot].tip
+        for target in required_goal(task, Targets).targets:
+            for hand in target.p_world:
+                if hand not in tips:
+                    raise TwinError(
+                        f"{setup.label}: target '{target.name}' is for the {hand} hand, but the "
+                        f"console moves robots by the {' and the '.join(tips)} hand only"
+                    )
         return TargetOutcome(touched(task, recording.t, tips), task.tolerance)
 
 
