@@ -244,6 +244,8 @@ def test_a_task_done_well_has_all_steps_in_order():
             1,
         ),  # it came onto the wire in the middle
         ([*WELL[:10], ((20, 20, 0), R, {}), (24, R, {}), *WELL[12:]], STEPS[2:], 1),  # it left the wire on the way
+        ([(p, L if p in range(8, 33) else h, m) for p, h, m in WELL], STEPS[2:], 1),  # the first arm guides it further
+        ([(p, L if p == 20 else h, m) for p, h, m in WELL], (), 0),  # the first arm holds it while the second grasps
         (WELL[:-3], STEPS[3:], 0),  # never released
         (changed(-3, ((60, 0, 0), NOBODY, {}))[:-2], STEPS[3:], 0),  # released beside the wire
         (WELL[:-1], STEPS[4:], 0),  # both tools stay inside

@@ -37,7 +37,9 @@ _TITLES = {
 """Titles of the steps."""
 
 _ENTRY_SHARE = 0.25
-"""Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED."""
+"""Fraction of the wire, from its free end, in which the ring must be put over the wire; ASSUMED.
+
+Later, the largest fraction of the wire by which the ring may be moved on while the second arm does not hold it."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +164,7 @@ class GuidingReferee(InstrumentReferee):
         self._drops = 0
         self._passed = 0.0
         self._on_wire = False
+        self._is_guided = False  # the second arm has moved the ring to its place on the wire
         self._last_held = -1  # last sample in which a hand held the ring
         self._holder = -1
         self._is_fallen = False  # no hand has held the ring since it fell
@@ -198,6 +201,8 @@ class GuidingReferee(InstrumentReferee):
     def _follow(self, k: int, T: Array) -> None:
         """Judge handing over and guiding."""
         self._see_fall(k)
+        was_guided = self._is_guided
+        self._is_guided = False
         if self._holder < 0:
             return
         if self._holder == self._first:
@@ -206,14 +211,17 @@ class GuidingReferee(InstrumentReferee):
         if self._steps["handed over"] is None and not self._must_pick_up:
             self._do("handed over", k)
         s = self._place(T)
+        # where the ring may be when the second arm takes it: near the free end, or where this arm has brought it
+        farthest = (self._passed + _ENTRY_SHARE) * self._wire_length
         if s is None:
             if self._on_wire and self._passed > _ENTRY_SHARE:
                 self._tell(k, "bad", f"{self._ring.name} has left the wire")
             self._on_wire = False
             self._passed = 0.0
-        # a ring comes onto the wire by its free end; one that is first seen further along does not count
-        elif self._on_wire or s <= _ENTRY_SHARE * self._wire_length:
+        # a ring comes onto the wire by its free end; one that another arm moved further along does not count
+        elif was_guided or s <= farthest:
             self._on_wire = True
+            self._is_guided = True
             self._passed = max(self._passed, s / self._wire_length)
             at_end = self._wire_length - s < self._guide.end_mm * MM
             if at_end and self._steps["handed over"] is not None:
