@@ -203,6 +203,15 @@ def test_pedals_and_camera_are_counted(table):
     assert found.duration == 10.0
 
 
+def test_silence_within_a_press_does_not_make_two_presses(table):
+    at = np.zeros((2000, 4))
+    at[:, 0] = np.where(times(10) < 4, 0, np.where(times(10) < 5.5, times(10), 5.5))
+    silent = pressed(10, (1.5, 1.8), (4.5, 4.8))
+    signals = {"pedals__clutch": pressed(10, (1, 2)), "pedals__camera": pressed(10, (4, 6)), "ecm__at": at}
+    found = measures.of_console(kept(10, pedals__silent=silent, **signals), table, "ecm", 10.0)
+    assert (found.clutches, found.camera_moves) == (1, 1)
+
+
 def test_a_session_that_nobody_leads_has_no_time(table):
     nobody = kept(2, psm1__follows=np.zeros(400), psm2__follows=np.zeros(400))
     assert measures.of_console(nobody, table, "ecm", 2.0).time == 0.0

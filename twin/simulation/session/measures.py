@@ -149,6 +149,8 @@ def of_console(recording: Recording, table: ConsoleTable, camera: str, duration:
     if DEVICE_SILENT.of(PEDALS) in recording.sizes:  # a simulated surgeon is never silent, and has no such signal
         silent = recording[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5
     clutch = (recording[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5) & ~silent
+    # silence within a press does not make two of it: the pedal is pressed before and after it
+    presses = movement.runs(clutch[~silent])
     # At a console with teleoperation by rates, the pedal lets the robot follow; at the others, it lets the hands go.
     clutched_mode = FREE if table.teleoperation is None else TOOLS
     scale = recording[DEVICE_SCALE.of(PEDALS)]
@@ -157,16 +159,16 @@ def of_console(recording: Recording, table: ConsoleTable, camera: str, duration:
         follows |= recording[ROBOT_FOLLOWS.of(robot)][:, 0] > 0.5
     begun = np.flatnonzero(follows)
     time = duration - float(recording.t[begun[0]]) if len(begun) else 0.0
-    camera_pedal = (recording[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5) & ~silent
+    camera_pedal = recording[DEVICE_CAMERA.of(PEDALS)][~silent, 0] > 0.5
+    positions = recording[CAMERA_AT.of(camera)][~silent]
     camera_moves = 0
     for first, last in movement.runs(camera_pedal):
-        positions = recording[CAMERA_AT.of(camera)][first : last + 1]
-        if np.ptp(positions, axis=0).any():
+        if np.ptp(positions[first : last + 1], axis=0).any():
             camera_moves += 1
     return ConsoleMeasures(
         duration,
         time,
-        len(movement.runs(clutch)),
+        len(presses),
         _duration(clutch & (mode == clutched_mode), dt),
         camera_moves,
         _duration(mode == CAMERA, dt),
