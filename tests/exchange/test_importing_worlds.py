@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from twin import cli
 from twin.cad.build import read_mechanism
@@ -283,3 +285,73 @@ def test_a_joint_may_have_the_name_of_its_link(tmp_path):
     (joint,) = [joint for joint in read(tmp_path / "cart.sdf").mechanism.joints if joint.type == "revolute"]
     np.testing.assert_allclose(joint.T_parent_joint[:3, 3], (0.1, 0.2, 0.35), atol=1e-15)
     np.testing.assert_allclose(joint.T_child_joint[:3, 3], (0, 0, 0.05), atol=1e-15)
+
+
+PAIR = '<link name="a"/><link name="b"><pose>1 0 0 0 0 0</pose>{}</link>{}'
+PAIR_JOINT = '<joint name="j" type="revolute"><parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz>{}</axis></joint>'
+BALL = "<geometry><sphere><radius>0.1</radius></sphere></geometry>"
+
+
+def pair(tmp_path, in_link="", more="", of_model="", in_axis=""):
+    """Return the import of an SDF with the links a and b, 1 m apart along x."""
+    path = tmp_path / "pair.sdf"
+    parts = PAIR.format(in_link, more) + PAIR_JOINT.format(in_axis)
+    path.write_text(f'<sdf version="1.9"><model name="m"{of_model}><static>1</static>{parts}</model></sdf>')
+    return read(path)
+
+
+def test_a_shape_of_sdf_stands_relative_to_the_frame_that_it_names(tmp_path):
+    visual = f'<visual name="v"><pose relative_to="f">0 0 2 0 0 0</pose>{BALL}</visual>'
+    frame = '<frame name="f"><pose>0 3 0 0 0 0</pose></frame>'
+    (mesh,) = pair(tmp_path, visual, frame).mechanism.body("b").meshes
+    np.testing.assert_allclose(mesh.vertices.mean(axis=0), (-1, 3, 2), atol=1e-12)
+
+
+@pytest.mark.parametrize("attached", ["", ' attached_to="__model__"'])
+def test_a_frame_of_an_sdf_model_moves_with_its_canonical_link(attached, tmp_path):
+    frame = f'<frame name="f"{attached}><pose>0 0 5 0 0 0</pose></frame>'
+    (found,) = [f for f in pair(tmp_path, "", frame, ' canonical_link="b"').mechanism.frames if f.name == "f"]
+    assert found.body == "b"
+    np.testing.assert_allclose(found.T_body_frame[:3, 3], (-1, 0, 5), atol=1e-12)
+    (found,) = [f for f in pair(tmp_path, "", frame).mechanism.frames if f.name == "f"]
+    assert found.body == "a"
+
+
+def test_an_include_says_whether_its_model_is_static(tmp_path):
+    (tmp_path / "part").mkdir()
+    pair(tmp_path / "part")
+    world = '<sdf version="1.9"><world name="w"><include><uri>part/pair.sdf</uri>{}</include></world></sdf>'
+    path = tmp_path / "world.sdf"
+    path.write_text(world.format("<static>false</static><pose>1 2 3 0 0 0</pose>"))
+    assert [j.type for j in read(path).mechanism.joints] == ["free", "revolute"]
+    path.write_text(world.format("<pose>1 2 3 0 0 0</pose>"))
+    assert [j.type for j in read(path).mechanism.joints] == ["fixed", "revolute"]
+
+
+@pytest.mark.parametrize(
+    ("in_link", "in_axis", "said"),
+    [
+        ('<inertial auto="true"/>', "", r"link 'b': its mass is to be computed from its colliders \(auto\)"),
+        ('<inertial><pose relative_to="a">0 0 1 0 0 0</pose></inertial>', "", "although it is relative to 'a'"),
+        ("", "<initial_position>0.5</initial_position>", "joint 'j', axis: <initial_position> is not read"),
+        (
+            '<visual name="v"><geometry><mesh><uri>b.stl</uri><submesh><name>x</name></submesh></mesh></geometry></visual>',
+            "",
+            r"the whole mesh b\.stl is shown, although only its <submesh> is stated",
+        ),
+    ],
+)
+def test_what_an_sdf_states_and_is_not_read_is_told(in_link, in_axis, said, tmp_path):
+    trimesh.creation.box().export(tmp_path / "b.stl")
+    found = pair(tmp_path, in_link, in_axis=in_axis)
+    warnings = "\n".join(f.message for f in found.findings if f.severity == "warning")
+    assert re.search(said, warnings)
+    if "auto" in in_link:
+        assert found.mechanism.body("b").inertia is None
+
+
+def test_links_of_sdf_whose_names_become_alike_keep_their_own_meshes(tmp_path):
+    visual = f'<visual name="v">{BALL}</visual>'
+    link = f'<link name="B">{visual}</link><joint name="k" type="fixed"><parent>a</parent><child>B</child></joint>'
+    mechanism = pair(tmp_path, visual, link).mechanism
+    assert sorted(mesh.name for body in mechanism.bodies for mesh in body.meshes) == ["b_shape", "b_shape_2"]

@@ -83,6 +83,7 @@ class _Sdf:
         links, elements: {name: element} of the links, and of links, joints and frames.
         poses: the poses of these elements in the model.
         efforts: {joint: maximum effort in N or N m}.
+        shape_counts: {name of the first mesh of a link: number of meshes that have it, without or with a number}.
     """
 
     def __init__(self, path: Path, root: str | None) -> None:
@@ -90,6 +91,7 @@ class _Sdf:
         self.path = path
         self.findings = Findings()
         self.efforts: dict[str, float] = {}
+        self.shape_counts: dict[str, int] = {}
         self.model = robot_of(self.xml, root, self.findings)
 
     def read(self) -> Imported:
@@ -257,6 +259,8 @@ class _Sdf:
         if leader not in names:
             joints = [name for name in self.elements if name in names]
             self.xml.fail(where, unknown("joint", leader, joints))
+        if leader == name:
+            self.xml.fail(where, "the joint mimics itself: name another joint, or remove the mimic")
         if element.get("axis", "axis") != "axis":
             self.xml.refuse(where, "the joint mimics a second axis, which is not supported")
         ratio = self.xml.number(where, "multiplier", element.findtext("multiplier"), 1.0)
@@ -358,6 +362,15 @@ class _Sdf:
         element = link.find("inertial")
         if element is None:
             return None
+        if element.get("auto") in ("true", "1"):
+            text = f"{where}: its mass is to be computed from its colliders (auto): the link is imported without mass."
+            self.findings.warn("inertia", text, name)
+            return None
+        pose = element.find("pose")
+        if pose is not None and pose.get("relative_to"):
+            frame = pose.get("relative_to")
+            text = f"{where}: the pose of its <inertial> is read in the link, although it is relative to '{frame}'."
+            self.findings.warn("pose", text, name)
         T_link_com = self.poses.stated(element, where)
         # The defaults of the SDF specification: a mass of 1 kg, and 1 kg m2 about each axis.
         tensor = self.xml.tensor(where, lambda key: element.findtext(f"inertia/{key}"), np.eye(3))
@@ -380,6 +393,9 @@ class _Sdf:
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
                 uri = (shape.findtext("uri") or "").strip()
                 triangle_mesh = mesh_file(uri, self.path.parent, scale, name, self.findings)
+                if shape.find("submesh") is not None:
+                    text = f"{where}: the whole mesh {uri} is shown, although only its <submesh> is stated."
+                    self.findings.warn("shape", text, name)
             elif shape.tag in SIZE_ATTRIBUTES:
                 triangle_mesh = sized_primitive(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
@@ -387,11 +403,13 @@ class _Sdf:
             if triangle_mesh is None:
                 continue
             vertices, triangles = triangle_mesh
-            label = identifier(f"{name}_shape")
-            if meshes:
-                label += f"_{len(meshes) + 1}"
+            stem = identifier(f"{name}_shape")
+            # Counted over all links, because different names of links may become the same identifier.
+            number = self.shape_counts.get(stem, 0) + 1
+            self.shape_counts[stem] = number
+            label = stem if number == 1 else f"{stem}_{number}"
             color = self._color(element, where)
-            meshes.append(placed_mesh(label, vertices, triangles, self.poses.stated(element, where), color))
+            meshes.append(placed_mesh(label, vertices, triangles, self.poses.in_link(name, element), color))
         return meshes
 
     def _color(self, element: Element, where: str) -> Color:

@@ -134,7 +134,7 @@ def _resolve(xml: Xml, model: Element, depth: int, included_files: list[Path]) -
 
 
 def _included(xml: Xml, include: Element, depth: int, included_files: list[Path]) -> Element | None:
-    """Return the included model, with the name and pose stated in the include; None if the included file is missing."""
+    """Return the included model, with the name, pose and <static> stated in the include; None if the included file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "the <uri> is missing")
@@ -167,11 +167,13 @@ def _included(xml: Xml, include: Element, depth: int, included_files: list[Path]
         model.set("name", name)
     if (include.get("merge") or "").strip() in ("true", "1"):
         model.set(_MERGED, "true")
-    pose = include.find("pose")
-    if pose is not None:
-        for stated_pose in model.findall("pose"):
-            model.remove(stated_pose)
-        model.append(copy.deepcopy(pose))
+    for tag in ("pose", "static"):
+        stated = include.find(tag)
+        if stated is None:
+            continue
+        for replaced in model.findall(tag):
+            model.remove(replaced)
+        model.append(copy.deepcopy(stated))
     return model
 
 

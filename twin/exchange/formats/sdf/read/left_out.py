@@ -11,7 +11,7 @@ _READ_ELEMENTS = {
     "model": {"link", "joint", "frame", "pose"},
     "link": {"visual", "collision", "inertial", "pose"},
     "joint": {"parent", "child", "axis", "pose"},
-    "axis": {"xyz", "limit", "mimic", "initial_position"},
+    "axis": {"xyz", "limit", "mimic"},
     "limit": {"lower", "upper", "velocity", "effort"},
     "visual": {"geometry", "material", "pose", "transparency"},
     "material": {"diffuse"},
@@ -76,6 +76,8 @@ def _report_unread(child: Element, tag: str, where: str, findings: Findings) -> 
     elif tag == "plugin" and child.find(".//joint_name") is not None:
         text = f"{where}: of <plugin> '{child.get('name', '')}', only the names of the driven joints are read."
         findings.note("unread", text, where)
+    elif tag == "initial_position" and (child.text or "").strip() in _TEXTS_WITHOUT_EFFECT:
+        return  # the joint starts at zero, as without it
     elif tag in _HARMLESS:
         findings.note("unread", f"{where}: <{tag}> is not imported.", where)
     else:

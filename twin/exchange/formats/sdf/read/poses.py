@@ -116,6 +116,19 @@ class ModelPoses:
             return self.in_model(name)
         return self.in_model(_relative_to(joint)) @ self.stated(joint, f"joint '{name}'")
 
+    def in_link(self, link: str, element: Element) -> Array:
+        """Return T_link_element (4, 4) of a <visual> or <collision> of the link with the given name.
+
+        Raises:
+            SourceError: its pose is relative to a frame that does not exist, or has not the right numbers.
+        """
+        T_stated = self.stated(element, f"link '{link}'")
+        pose = element.find("pose")
+        if pose is None or not pose.get("relative_to"):
+            return T_stated
+        T_model_relative = self.in_model(pose.get("relative_to", ""))
+        return spatial.inverse(self.in_model(link)) @ T_model_relative @ T_stated
+
     def carrier(self, name: str, visited: tuple[str, ...] = ()) -> str:
         """Return the link that carries the link, joint or frame with the given name.
 
@@ -136,9 +149,9 @@ class ModelPoses:
         else:
             carrier = element.get("attached_to")
         carrier = (carrier or "").strip()
-        if not carrier:
-            # A frame without `attached_to` belongs to the model, whose canonical link is its first one.
-            carrier = next(iter(self._links))
+        if carrier in ("", "__model__"):
+            # A frame without `attached_to` belongs to the model, whose frame is that of its canonical link.
+            carrier = self._model.get("canonical_link") or next(iter(self._links))
         return self.carrier(carrier, (*visited, name))
 
 
