@@ -558,3 +558,54 @@ def test_a_joint_that_mimics_another_is_not_driven(told, tmp_path):
         parts = f'<ros2_control name="c">{one.format(i=0)}{one.format(i=1)}</ros2_control>'
     found = imported(tmp_path, "arm.urdf", text.replace("</robot>", f"{parts}</robot>"))
     assert [j.name for j in found.mechanism.active] == ["j0"]
+
+
+BODY_XML = '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
+
+
+def mjcf(tmp_path, more="", upper='name="a"', joint='name="j"', lower='name="b"'):
+    """Return the import of an MJCF with two bodies, each on a hinge, and more elements."""
+    inner = f'<body {lower} pos="0 0 1">{BODY_XML}<joint name="k" axis="0 1 0"/></body>'
+    outer = f'<body {upper}>{BODY_XML}<joint {joint} axis="0 0 1"/>{inner}</body>'
+    path = tmp_path / "two.xml"
+    path.write_text(f"<mujoco><worldbody>{outer}</worldbody>{more}</mujoco>")
+    return read(path, guarded=False)
+
+
+SERVO = '<position name="p" joint="j" kp="100" forcerange="-5 5"/>'
+DAMPER = '<velocity name="v" joint="j" kv="10" forcerange="-7 7"/>'
+
+
+@pytest.mark.parametrize("actuators", [SERVO + DAMPER, DAMPER + SERVO])
+def test_a_position_servo_beside_another_actuator_keeps_its_gains(actuators, tmp_path):
+    found = mjcf(tmp_path, f"<actuator>{actuators}</actuator>")
+    (joint,) = found.mechanism.active
+    assert joint.drive is not None
+    assert (joint.drive.stiffness, joint.drive.max_effort) == (100, 5)
+    assert found.efforts == {}
+
+
+def test_a_second_position_servo_of_a_joint_is_told(tmp_path):
+    found = mjcf(tmp_path, f'<actuator>{SERVO}<position name="q" joint="j" kp="9"/></actuator>')
+    (joint,) = found.mechanism.active
+    assert joint.drive is not None
+    assert joint.drive.stiffness == 100
+    assert any("'q' is another position servo of joint 'j'" in f.message for f in found.findings)
+
+
+@pytest.mark.parametrize(("scale", "kind"), [("0", "spherical"), ("1", "fixed")])
+def test_a_weld_without_torque_is_a_ball(scale, kind, tmp_path):
+    found = mjcf(tmp_path, f'<equality><weld body1="b" torquescale="{scale}"/></equality>')
+    (loop,) = found.mechanism.loops
+    assert loop.type == kind
+
+
+def test_things_of_an_mjcf_without_names_get_names_that_no_other_has(tmp_path):
+    found = mjcf(tmp_path, upper="", joint="", lower='name="body1"').mechanism
+    assert [body.name for body in found.bodies] == ["world", "body1", "body1_2"]
+    assert [joint.child for joint in found.joints] == ["body1", "body1_2"]
+
+
+def test_compensation_of_gravity_is_told(tmp_path):
+    found = mjcf(tmp_path, upper='name="a" gravcomp="0.5"')
+    assert ("warning", "body 'a': gravcomp 0.5 is not imported.") in [(f.severity, f.message) for f in found.findings]

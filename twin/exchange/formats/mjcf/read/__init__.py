@@ -144,7 +144,12 @@ class _Mjcf:
             name = mujoco.mj_id2name(self.model, code, number)
         except UnicodeDecodeError as error:
             raise SourceError(f"{self.path}: the name of {kind.lower()} {number} is not UTF-8") from error
-        return name or f"{kind.lower()}{number}"
+        if name:
+            return name
+        free = f"{kind.lower()}{number}"
+        while mujoco.mj_name2id(self.model, code, free) >= 0:  # another object has this name
+            free += "_"
+        return free
 
     def _names(self, kind: str, count: int) -> list[str]:
         """Return the identifiers of all objects of one kind, by number."""

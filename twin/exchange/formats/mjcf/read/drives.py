@@ -85,7 +85,17 @@ class DriveReader:
                 )
                 self.findings.warn("actuator", text, name)
             else:
-                drives[target] = self._drive(number, name, self.joints[target])
+                drive = self._drive(number, name, self.joints[target])
+                known_drive = drives.get(target)
+                if known_drive is None:
+                    drives[target] = drive
+                elif drive is not None:
+                    text = f"actuator '{name}' is another position servo of joint '{self.joints[target]}': only the "
+                    text += "gains of the first are imported."
+                    self.findings.warn("actuator", text, name)
+        for target, drive in drives.items():
+            if drive is not None:  # another actuator of the joint may state an effort
+                self.efforts.pop(self.joints[target], None)
         return drives
 
     def _without_actuators(self, robot_bodies: Sequence[int]) -> list[int]:

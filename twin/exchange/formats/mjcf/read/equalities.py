@@ -27,6 +27,9 @@ from twin.model.mechanism import Coupling
 if TYPE_CHECKING:
     import mujoco
 
+_TORQUE_SCALE = 10
+"""Place of the attribute torquescale in the numbers of a weld."""
+
 
 @dataclass
 class EqualityReader:
@@ -137,7 +140,9 @@ class EqualityReader:
         data = model.eq_data[number]
         first = int(model.eq_obj1id[number])
         second = int(model.eq_obj2id[number])
-        kind: JointType = "fixed" if weld else "spherical"
+        kind: JointType = "spherical"
+        if weld and data[_TORQUE_SCALE] != 0.0:  # a weld without torque holds only its anchor, as a connect
+            kind = "fixed"
         if int(model.eq_objtype[number]) == int(mujoco.mjtObj.mjOBJ_SITE):
             T_first = _pose(model.site_pos[first], model.site_quat[first])
             T_second = _pose(model.site_pos[second], model.site_quat[second])

@@ -34,6 +34,11 @@ def find_left_out(model, name: Callable[[str, int], str], imported_tendons: Coll
         if values:
             where = name("JOINT", index)
             findings.warn("friction", f"joint '{where}': {_not_imported(values)}", where)
+    for index in range(1, model.nbody):
+        if model.body_gravcomp[index]:
+            where = name("BODY", index)
+            values = _stated_values({"gravcomp": float(model.body_gravcomp[index])})
+            findings.warn("gravcomp", f"body '{where}': {_not_imported(values)}", where)
     for index in imported_tendons:
         values = _stated_values(
             {
