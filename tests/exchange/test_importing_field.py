@@ -15,6 +15,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import twin
+from twin.core.errors import SourceError
 from twin.exchange.audit.ledger import Ledger
 from twin.exchange.audit.meshes import check_mesh
 from twin.exchange.read import read
@@ -609,3 +610,18 @@ def test_things_of_an_mjcf_without_names_get_names_that_no_other_has(tmp_path):
 def test_compensation_of_gravity_is_told(tmp_path):
     found = mjcf(tmp_path, upper='name="a" gravcomp="0.5"')
     assert ("warning", "body 'a': gravcomp 0.5 is not imported.") in [(f.severity, f.message) for f in found.findings]
+
+
+def test_a_joint_that_mimics_itself_is_refused(tmp_path):
+    text = serial([(-1.0, 1.0)]).replace("</joint></robot>", '<mimic joint="j0"/></joint></robot>')
+    with pytest.raises(SourceError, match=r"joint 'j0', mimic: the joint mimics itself"):
+        imported(tmp_path, "arm.urdf", text)
+
+
+def test_a_negative_mass_is_not_called_no_mass(tmp_path):
+    negative = INERTIAL.replace('mass value="1"', 'mass value="-1"')
+    mark = f'<link name="mark">{negative}</link>'
+    joint = '<joint name="on" type="fixed"><parent link="l1"/><child link="mark"/></joint></robot>'
+    text = serial([(-1.0, 1.0)]).replace("</robot>", mark + joint)
+    found = imported(tmp_path, "arm.urdf", text)
+    assert any("link 'mark': mass -1 kg is not positive" in f.message for f in found.findings)

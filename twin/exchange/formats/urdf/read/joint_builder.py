@@ -196,6 +196,8 @@ class JointBuilder:
         leader = mimic.get("joint")
         if leader is None or leader not in self.structure.joints:
             self.structure.xml.fail(where, unknown("joint", str(leader), self.structure.joints))
+        if leader == name:
+            self.structure.xml.fail(where, "the joint mimics itself: name another joint, or remove the mimic")
         if PLANAR in (self.structure.joints[name].get("type"), self.structure.joints[leader].get("type")):
             self.structure.xml.refuse(where, "a planar joint has three coordinates, so it cannot mimic or be mimicked")
         ratio = self.structure.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)

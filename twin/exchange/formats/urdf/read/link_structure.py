@@ -195,7 +195,7 @@ class LinkStructure:
         mass = link.find("inertial/mass")
         value = "0" if mass is None else mass.get("value")
         kilograms = self.xml.number(f"link '{name}'", "mass", value, 0.0)
-        return kilograms > _MAX_MASSLESS or link.find("visual") is not None or link.find("collision") is not None
+        return abs(kilograms) > _MAX_MASSLESS or link.find("visual") is not None or link.find("collision") is not None
 
     def part_names(self, name: str) -> list[str]:
         """Return the names of the joints made from one URDF joint.
