@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from made import mechanisms as made
 from twin.core import spatial
@@ -644,6 +644,24 @@ def test_disabled_joints_props_and_odd_drives_are_noted(tmp_path):
         ("stage.read.prop", "/World/table"),
         ("stage.read.drive", "/World/one"),
     }
+
+
+def test_a_speed_or_a_centre_of_mass_that_cannot_be_is_told(tmp_path):
+    foreign = Foreign(tmp_path / "odd.usda")
+    foreign.body("base")
+    foreign.body("arm")
+    foreign.joint(F, "fix", None, "base")
+    joint = foreign.joint(R, "one", "base", "arm", axis="Z").GetPrim()
+    joint.CreateAttribute("physxJoint:maxJointVelocity", Sdf.ValueTypeNames.Float).Set(-5.0)
+    after, notes = inspect_stage(foreign.save())
+    assert after.joint("one").max_speed is None
+    assert [n.where for n in notes if n.code == "stage.read.speed"] == ["/World/one"]
+    mass = UsdPhysics.MassAPI.Apply(foreign.stage.GetPrimAtPath("/World/arm"))
+    mass.CreateMassAttr(1.0)
+    mass.CreateDiagonalInertiaAttr((1.0, 1.0, 1.0))
+    mass.CreateCenterOfMassAttr((1.0, float("nan"), 0.0))
+    with pytest.raises(StageError, match="/World/arm: a number of its centre of mass is not finite"):
+        read_stage(foreign.save())
 
 
 def with_cone(path: Path, first_deg: float, second_deg: float) -> Path:

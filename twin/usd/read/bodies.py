@@ -259,7 +259,7 @@ def read_inertia(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> Inert
     """Return mass, centre of mass and inertia of a body in SI units; None if mass or inertia is missing.
 
     Raises:
-        StageError: the principal axes are not a rotation.
+        StageError: the centre of mass is not finite, or the principal axes are not a rotation.
     """
     mass = UsdPhysics.MassAPI(body)
     kilograms = 0.0
@@ -273,8 +273,10 @@ def read_inertia(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> Inert
         notes.append(info("stage.read.inertia", str(body.GetPath()), text))
         return None
     center = np.array(mass.GetCenterOfMassAttr().Get(), float)
-    if not np.all(np.isfinite(center)):  # in the schema, -inf means "not given"
+    if np.all(np.isneginf(center)):  # in the schema, -inf means "not given"
         center = np.zeros(3)
+    if not np.all(np.isfinite(center)):
+        raise StageError(f"{scene.path}: {body.GetPath()}: a number of its centre of mass is not finite")
     axes = mass.GetPrincipalAxesAttr().Get()
     R = np.eye(3)
     if np.any(gf.quat_wxyz(axes)):  # a zero quaternion means "not given"

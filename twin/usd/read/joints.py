@@ -191,7 +191,7 @@ def convert(
         limits=limits,
         soft_limits=soft_limits,
         cone=_cone(joint),
-        max_speed=_max_speed(joint, unit),
+        max_speed=_max_speed(joint, unit, notes),
         max_acceleration=_number(prim, "twin:maxAcceleration"),
         max_jerk=_number(prim, "twin:maxJerk"),
         drive=drive,
@@ -206,12 +206,19 @@ def _number(prim: Usd.Prim, name: str) -> float | None:
     return float(value)
 
 
-def _max_speed(joint: RawJoint, unit: float) -> float | None:
-    """Return the maximum speed in SI units; None if the stage gives none, or an infinite one."""
+def _max_speed(joint: RawJoint, unit: float, notes: list[Finding]) -> float | None:
+    """Return the maximum speed in SI units; None if the stage gives none, or an infinite one.
+
+    `notes` receives a finding on a speed that is not positive, which is left out.
+    """
     if not joint.instance:
         return None
     speed = joint.prim.GetAttribute("physxJoint:maxJointVelocity").Get()
     if speed is None or not np.isfinite(speed):
+        return None
+    if not speed > 0:
+        text = f"the maximum speed {speed:g} of joint {joint.path} is left out, because it is not positive"
+        notes.append(info("stage.read.speed", joint.path, text))
         return None
     return float(speed) * unit
 
