@@ -335,7 +335,7 @@ def test_an_include_says_whether_its_model_is_static(tmp_path):
         ('<inertial><pose relative_to="a">0 0 1 0 0 0</pose></inertial>', "", "although it is relative to 'a'"),
         ("", "<initial_position>0.5</initial_position>", "joint 'j', axis: <initial_position> is not read"),
         (
-            '<visual name="v"><geometry><mesh><uri>b.stl</uri><submesh><name>x</name></submesh></mesh></geometry></visual>',
+            '<visual name="v"><geometry><mesh><uri>b.stl</uri><submesh/></mesh></geometry></visual>',
             "",
             r"the whole mesh b\.stl is shown, although only its <submesh> is stated",
         ),

@@ -134,7 +134,7 @@ def _resolve(xml: Xml, model: Element, depth: int, included_files: list[Path]) -
 
 
 def _included(xml: Xml, include: Element, depth: int, included_files: list[Path]) -> Element | None:
-    """Return the included model, with the name, pose and <static> stated in the include; None if the included file is missing."""
+    """Return the included model, with the name, pose and <static> of the include; None if its file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "the <uri> is missing")
