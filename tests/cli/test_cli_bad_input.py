@@ -525,3 +525,38 @@ def test_a_campaign_needs_numbers_that_are_possible(option, least, capsys):
         f"argument --{option}: {least - 1} is too small: give a whole number, at least {least}"
         in capsys.readouterr().err
     )
+
+
+# --------------------------------------------------------------------------------------- refused by the system
+
+
+@pytest.mark.parametrize("command", ["info", "study", "audit", "check", "open", "validate", "new x", "compare pa10"])
+def test_a_name_that_is_too_long_is_named(command, capsys):
+    assert main([*command.split(), "a" * 300 + ".urdf"]) == 2
+    said = capsys.readouterr().err
+    assert "a" * 100 in said
+    assert "File name too long" in said
+    assert "internal error" not in said
+
+
+def test_a_path_that_may_not_be_read_is_named(capsys, monkeypatch):
+    def fail(args):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), "/secret/robot")
+
+    monkeypatch.setattr("twin.cli.commands.list.run", fail)
+    assert main(["list"]) == 2
+    assert capsys.readouterr().err == "twin: /secret/robot: Permission denied\n"
+
+
+def test_a_working_folder_that_was_removed_is_named(capsys, monkeypatch, tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert main(["list"]) == 2
+    assert capsys.readouterr().err == "twin: the working folder no longer exists: change to another folder\n"
+
+
+def test_a_seed_of_many_digits_is_named(capsys):
+    assert main(["plan", "sils", "--seed", "1" * 400]) == 2
+    assert "has no effect without --avoid" in capsys.readouterr().err

@@ -88,8 +88,24 @@ def run(argv: Sequence[str]) -> int:
         if isinstance(error, UnicodeEncodeError) and _SURROGATE.search(str(error.object)):
             text = f"{ascii(str(error.object))[:_SHOWN_CHARACTERS]} is not valid UTF-8: rename the file or folder"
             return failed("output", text, args.json)
+        if isinstance(error, OSError) and (refused := _refused(error)):
+            return failed(type(error).__name__, refused, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return failed(type(error).__name__, text, args.json)
+
+
+def _refused(error: OSError) -> str:
+    """Return a message that names the path that the system refuses, as for lack of permission; "" if it names none."""
+    if error.filename is not None:
+        path = os.fsdecode(error.filename) if isinstance(error.filename, bytes) else str(error.filename)
+        if len(path) > _SHOWN_CHARACTERS:
+            path = f"{path[:_SHOWN_CHARACTERS]}..."
+        return f"{path}: {error.strerror or error}"
+    try:
+        Path.cwd()
+    except OSError:
+        return "the working folder no longer exists: change to another folder"
+    return ""
 
 
 def _completed(command: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:

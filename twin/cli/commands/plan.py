@@ -73,9 +73,10 @@ def run(args: argparse.Namespace) -> int:
     from twin.planning.protocol.free_motions import with_free_motions
 
     if args.avoid is None:
-        for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):
+        stated = (("--clearance-mm", args.clearance_mm, _CLEARANCE, "g"), ("--seed", args.seed, 0, "d"))
+        for name, value, usual, notation in stated:
             if value != usual:
-                raise TwinError(f"{name} {value:g} has no effect without --avoid: add --avoid, or omit {name}")
+                raise TwinError(f"{name} {value:{notation}} has no effect without --avoid: add --avoid, or omit {name}")
     robot = api.load(args.robot).with_timing(args.timing).with_inverse(args.inverse)
     if args.beside is not None:
         if args.check:
