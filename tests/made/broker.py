@@ -10,6 +10,8 @@ import time
 
 import pytest
 
+from made.ports import free_port
+
 
 def program():
     """Return the path of the broker.
@@ -30,19 +32,17 @@ class Broker:
 
     def __init__(self):
         self.program = program()
-        with socket.socket() as s:
-            s.bind(("127.0.0.1", 0))
-            self.port = s.getsockname()[1]
+        self.port = free_port()
         self.process = None
 
     def start(self):
         """Start the broker without retained messages."""
         # With only -p, mosquitto accepts connections from this machine only, without passwords.
         self.process = subprocess.Popen([self.program, "-p", str(self.port)], stderr=subprocess.DEVNULL)
-        end = time.monotonic() + 20
+        end = time.monotonic() + 60
         while True:
             try:
-                socket.create_connection(("127.0.0.1", self.port), 1).close()
+                socket.create_connection(("127.0.0.1", self.port), 10).close()
                 return self
             except OSError:
                 assert self.process.poll() is None, "the broker has ended"

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from made.ports import free_port
 from twin.core import spatial
 from witness import environments
 
@@ -94,11 +95,6 @@ def as_a_user(program, folder):
     return str(start)
 
 
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as s:
-        return s.getsockname()[1]
-
-
 class Serving:
     """A process of `twin serve`, started from a command line, or of another module with a robot and --port."""
 
@@ -127,7 +123,7 @@ class Serving:
     def stop(self):
         if self.process is not None:
             self.process.terminate()
-            self.process.wait(20)
+            self.process.wait(60)
             self.process = None
 
 
@@ -286,10 +282,11 @@ class Page:
         end = time.monotonic() + WAIT
         while same < 4:  # the server may be slow to begin
             assert time.monotonic() < end, "the robot does not come to rest"
-            q = self("[...twin.app.model.frame.q]")
+            frames, q = self("[twin.app.line.frames, [...twin.app.model.frame.q]]")
             same = same + 1 if q == last else 0
             last = q
             time.sleep(0.4)
+            self.until(f"twin.app.line.frames > {frames + 3}", "newer frames")
 
     # -- a device ----------------------------------------------------------------------------------------
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import time
 from contextlib import asynccontextmanager, suppress
 from types import SimpleNamespace
@@ -12,6 +11,7 @@ from types import SimpleNamespace
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
+from made.ports import free_port
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import served_content
@@ -52,9 +52,7 @@ async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True,
     of, recording = shown.live, None
     if record is not None:
         recording = StreamRecording(record, shown.name, shown.model_hash, of.links, of.joints, of.version)
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        port = s.getsockname()[1]
+    port = free_port()
     tokens: list[str] = []
     rules = AccessRules(host, port, context is not None, tokens.append)
     server = StreamServer(source or of, shown.hello, PAGE | shown.files, rules, recording)
@@ -141,7 +139,7 @@ async def http(port, request, host=None):
     if isinstance(request, str):
         request = f"{request}\r\nHost: {host or f'127.0.0.1:{port}'}\r\n".encode()
     writer.write(request + b"\r\n")
-    answer = await asyncio.wait_for(reader.read(), 5)
+    answer = await asyncio.wait_for(reader.read(), 60)
     writer.close()
     head, _, body = answer.partition(b"\r\n\r\n")
     lines = head.decode().split("\r\n")

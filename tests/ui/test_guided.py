@@ -19,6 +19,7 @@ from playwright import sync_api as playwright
 import twin
 from made import headset_page as headset
 from made.console_page import console
+from made.ports import free_port
 from twin.cli import guided_study, headset_server, parser
 from twin.core.errors import TwinError
 from twin.simulation.session.guided_parts import PHASES, guided_parts
@@ -183,7 +184,7 @@ def test_enter_warns_once_while_questionnaires_are_due_and_the_end_of_the_input_
         stopping = asyncio.Event()
         examiner.begin(stopping)
         os.write(sink, b"\n\n")
-        await asyncio.wait_for(stopping.wait(), 10)
+        await asyncio.wait_for(stopping.wait(), 60)
 
     with os.fdopen(source) as lines:
         monkeypatch.setattr(guided_study.sys, "stdin", lines)
@@ -194,7 +195,7 @@ def test_enter_warns_once_while_questionnaires_are_due_and_the_end_of_the_input_
         assert examiner.continued
         assert capsys.readouterr().out.count("3 questionnaires are not answered yet; press Enter again") == 1
         os.close(sink)
-        examiner._reader.join(10)
+        examiner._reader.join(60)
         with pytest.raises(TwinError, match="the input of this command has ended: use a terminal"):
             examiner.require_input()
 
@@ -242,7 +243,7 @@ def test_options_that_a_guided_run_would_ignore_are_refused(options, said):
 
 @pytest.mark.slow
 def test_a_client_that_one_part_has_admitted_is_admitted_in_the_next_one(tmp_path):
-    port = headset.free_port()
+    port = free_port()
     command = [sys.executable, "-m", "twin", "serve", "davinci", "--no-browser", "--port", str(port)]
     command += ["--host", "0.0.0.0", "--guided", str(tmp_path / "study"), "--participant", "7"]
     env = os.environ | {"PYTHONPATH": str(headset.ROOT)}
@@ -283,7 +284,7 @@ def test_a_client_that_one_part_has_admitted_is_admitted_in_the_next_one(tmp_pat
 @pytest.mark.slow
 @pytest.mark.browser
 def test_a_participant_goes_through_all_phases_on_one_page(browser, tmp_path):
-    port = headset.free_port()
+    port = free_port()
     command = [sys.executable, "-m", "twin", "serve", "davinci", "--no-browser", "--port", str(port)]
     command += ["--guided", str(tmp_path / "study"), "--participant", "7"]
     env = os.environ | {"PYTHONPATH": str(headset.ROOT)}
@@ -343,7 +344,7 @@ def test_a_participant_goes_through_all_phases_on_one_page(browser, tmp_path):
                 page(f"twin.app.ask('form', {{when: 'after', name: '{name}', {answers}}})")
             page.until("twin.app.model.console.form === null", "the end")
             go_on()
-            process.wait(30)
+            process.wait(60)
             # between two phases, nothing listens for a moment
             page.errors[:] = [error for error in page.errors if "ERR_CONNECTION" not in error]
     finally:

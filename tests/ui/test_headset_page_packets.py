@@ -9,6 +9,7 @@ from paho.mqtt.publish import single
 from made import headset_page as headset
 from made.broker import Broker
 from made.pens import Pens, Streaming
+from made.ports import free_port
 
 pytestmark = pytest.mark.browser
 
@@ -22,7 +23,7 @@ def broker():
 
 @pytest.fixture(scope="module")
 def page(browser, broker):
-    port = headset.free_port()
+    port = free_port()
     server = headset.Serving("davinci", None, "--packets", port, "--mqtt", f"127.0.0.1:{broker.port}")
     try:
         with headset.shown(browser, server.url, size=(1280, 900), draws=False) as page:

@@ -24,6 +24,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
+from made.ports import free_port
 from twin.cli.terminal import Terminal
 from twin.core.errors import TwinError
 from twin.core.foreign.consent import NO_CODE
@@ -59,9 +60,7 @@ def hibou():
 def page_of(robot, host="127.0.0.1", **more):
     """A front, stepped by hand, with access rules for `host`; `.tokens` is filled if clients need one."""
     tokens: list[str] = []
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        port = s.getsockname()[1]
+    port = free_port()
     server = serve("access", "127.0.0.1", port, AccessRules(host, port, False, tokens.append))
     front = open_page("access", [ShownRobot(robot.name, robot.name, MovableRobot(robot))], None, server, **more)
     front.tokens = tokens  # type: ignore[attr-defined]
@@ -127,7 +126,7 @@ async def _drain(ws):
             pass
 
 
-async def until(condition, what, seconds=15.0):
+async def until(condition, what, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, what
@@ -142,7 +141,7 @@ def get(front, path="/", **headers):
     """Return status, headers and body of a request."""
     request = urllib.request.Request(f"http://127.0.0.1:{front.server.get_port()}{path}", headers=headers)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=60) as answer:
             return answer.status, dict(answer.headers), answer.read()
     except urllib.error.HTTPError as error:
         return error.code, dict(error.headers), error.read()
@@ -427,7 +426,7 @@ def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, capl
                 with suppress(ConnectionClosed):
                     for message in nonsense(front):
                         await ws.send(message)
-                await asyncio.wait_for(ws.wait_closed(), 10)
+                await asyncio.wait_for(ws.wait_closed(), 60)
             await until(lambda: len(front.server.get_clients()) == 1, "the other one, alone")
             await other.ping()
 
@@ -497,7 +496,7 @@ def test_garbage_takes_no_place_of_a_page(front):
             for page in pages:
                 await (await page.ping())
             async with joined(front) as late:
-                await asyncio.wait_for(late.wait_closed(), 20)
+                await asyncio.wait_for(late.wait_closed(), 60)
                 assert late.close_code == 1013
             await pages.pop().close()
             async with joined(front) as late:
