@@ -79,7 +79,7 @@ class Good(threading.Thread):
             self.lost = f"{type(error).__name__}: {error}"
 
     def _read_states(self) -> None:
-        with socket.create_connection(("127.0.0.1", self.port), timeout=20) as line:
+        with socket.create_connection(("127.0.0.1", self.port), timeout=60) as line:
             before = time.monotonic()
             until = before + SECONDS
             while before < until:
@@ -98,7 +98,7 @@ class Good(threading.Thread):
             until = time.monotonic() + SECONDS
             while (begun := time.monotonic()) < until or len(self.delays) < 3:
                 ws.send(hello)
-                if not ws.ping().wait(20):
+                if not ws.ping().wait(60):
                     raise ConnectionError("no answer to a ping")
                 self.delays.append(time.monotonic() - begun)
                 time.sleep(0.05)

@@ -339,8 +339,11 @@ def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
                 assert peer.last("hello")["protocol"] == 2
                 await peer.until(lambda: len(peer.frames) > 3)  # the first tick may round joint values by 1e-16
                 start, other = (r.q for r in peer.frames[-1].robots[:2])
-                for n in range(400):  # until it moves: a busy machine is slow
-                    await peer.say("hands", **hands_of(0.08 + 1e-4 * n, 5 * DEG * (n > 10), n))
+                end = asyncio.get_running_loop().time() + 60
+                for n in count():  # until it moves: a busy machine is slow, and silent hands have to roll again
+                    assert asyncio.get_running_loop().time() < end, "no frame shows the motion"
+                    roll = 5 * DEG * ((n > 10) + n // 200)
+                    await peer.say("hands", **hands_of(0.08 + 1e-4 * min(n, 1000), roll, n))
                     await asyncio.sleep(0.01)
                     if n > 50 and np.abs(peer.frames[-1].robots[0].q - start).max() > 1e-3:
                         break
@@ -355,6 +358,8 @@ def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
                 await watcher.until(
                     lambda: watcher.documents[-1]["type"] == "state" and watcher.last("state")["console"]["silent"]
                 )
+                seen = len(watcher.frames)  # the frame of that state comes after it
+                await watcher.until(lambda: len(watcher.frames) > seen + 2)
                 q = [r.q for r in watcher.frames[-1].robots]
                 await asyncio.sleep(0.2)
                 assert all(np.array_equal(a, r.q) for a, r in zip(q, watcher.frames[-1].robots, strict=True))

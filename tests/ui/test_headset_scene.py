@@ -204,7 +204,17 @@ def test_all_play_on_one_clock_and_fields_bend_with_it(scene, robots, planned, p
             assert s.live.clock.duration == max(played.duration, cloth.duration)
             assert (await peer.ask("play", on=True))["type"] == "ack"
             peer.frames.clear()
-            await peer.until(lambda: len(peer.frames) > 40)
+
+            def shapes():
+                return len({f.fields[0].tobytes() for f in peer.frames})
+
+            for _ in range(20):  # a computer that stands still for a while leaves frames out, until the end perhaps
+                wanted = len(peer.frames) + 40
+                await peer.until(lambda: len(peer.frames) > wanted or not s.live.clock.playing)  # noqa: B023
+                if shapes() > 20:
+                    break
+                await peer.ask("seek", t=0.0)
+                await peer.ask("play", on=True)
             await peer.ask("play", on=False)
             i = [p.name for p in scene.places].index(name)
             for frame in peer.frames:
@@ -213,7 +223,7 @@ def test_all_play_on_one_clock_and_fields_bend_with_it(scene, robots, planned, p
                 truth = cloth.at(frame.time).fields["cloth"]
                 assert np.abs(frame.fields[0] - truth).max() < 0.3 / scene_frame.QUANTISATION_STEPS
                 assert frame.robots[i].server_time == frame.server_time
-            assert len({f.fields[0].tobytes() for f in peer.frames}) > 20
+            assert shapes() > 20
             others = [p.name for p in scene.places if p.name != name]
             state = await peer.until(lambda: peer.last("state"))
             robots_ = {r["name"]: r for r in state["robots"]}
@@ -249,9 +259,12 @@ def test_each_robot_has_a_holder_of_its_own(scene, robots):
                     lambda t=twin_, n=name: np.linalg.norm((t.movable.assembly.T_base_tool - before[n])[:3, 3]) > 1e-3
                 )
             assert np.allclose(s.live.twins[three].movable.assembly.T_base_tool, before[three], atol=1e-9)
-            flags = a.frames[-1]
-            assert [bool(r.flags & wire.HELD_FLAG) for r in flags.robots] == [True, True, False]
-            assert flags.flags & wire.HELD_FLAG
+            await a.until(
+                lambda: (
+                    [bool(r.flags & wire.HELD_FLAG) for r in a.frames[-1].robots] == [True, True, False]
+                    and a.frames[-1].flags & wire.HELD_FLAG
+                )
+            )
             assert (await a.ask("grab", robot=three, target="tool"))["type"] == "ack"  # a second hand
             assert "name one of" in (await a.ask("drag", pose=[0, 0, 0, 0, 0, 0, 1]))["message"]
             await a.ask("release", robot=one)
@@ -269,7 +282,7 @@ def test_variants_and_documents_are_of_one_robot(scene, robots, planned, playbac
     async def go():
         async with serving(shown(scene, robots, plans=True)) as s, joined(s.port) as peer:
             await peer.until(lambda: any(d["type"] == "path" and d["protocol"] for d in peer.documents))
-            assert {d["robot"] for d in peer.documents if d["type"] == "path"} == set(robots)
+            await peer.until(lambda: {d["robot"] for d in peer.documents if d["type"] == "path"} == set(robots))
             variants = s.live.twins[name].description["variants"]
             if variants:
                 assert (await peer.ask("variant", robot=name, name=variants[0]))["type"] == "ack"
