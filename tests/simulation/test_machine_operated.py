@@ -32,6 +32,12 @@ def scene():
 
 @pytest.fixture(scope="module")
 def operated(scene):
+    for _ in range(4):
+        try:
+            return operate_machine(scene, seed=3, triangles=1)
+        except DeviceError as error:  # a computer that stands still for half a second ends the session
+            if "the machine is stopped or busy" not in str(error):
+                raise
     return operate_machine(scene, seed=3, triangles=1)
 
 
@@ -123,7 +129,7 @@ def test_a_twin_follows_a_machine_process():
                 assert [r["name"] for r in about["robots"]] == ["raven_left", "raven_left_model"]
                 time.sleep(1)
                 process.send_signal(signal.SIGINT)
-                assert process.wait(20) == 0
+                assert process.wait(60) == 0
             finally:
                 process.kill()
     child.close()

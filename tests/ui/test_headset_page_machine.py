@@ -189,5 +189,5 @@ def test_the_stop_button_stops_the_machine(page):
     page.id("machine-stop").click()
     page.until(f"{STATE}.robots.raven_left.level === 'E_STOP'", "the machine stops")
     page.id("machine-start").click()
-    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home again", 30)
+    page.until(f"{STATE}.robots.raven_left.level === 'PEDAL_UP'", "the machine is at home again")
     assert phase(page) in ("teleoperate", "stopped")
