@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -485,15 +487,20 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     """Killed outright while it works; what was judged is not judged again, and the result is that of one go."""
     code = "import sys; from twin.cli import main; sys.exit(main(sys.argv[1:]))"
     rows = tmp_path / "a/rows.csv"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *SWEEP, "--out", str(tmp_path / "a")], start_new_session=True
-    )
-    while not (rows.is_file() and len(rows.read_bytes().splitlines()) >= 2):
-        assert process.poll() is None  # a slow machine takes as long as it takes
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    first = judged(tmp_path / "a")
+    first = []
+    for _ in range(10):  # this program may be too late to kill it
+        shutil.rmtree(tmp_path / "a", ignore_errors=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *SWEEP, "--out", str(tmp_path / "a")], start_new_session=True
+        )
+        while process.poll() is None and not (rows.is_file() and len(rows.read_bytes().splitlines()) >= 2):
+            time.sleep(0.05)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        first = judged(tmp_path / "a")
+        if len(first) < 5:
+            break
     assert 2 <= len(first) < 5
     with rows.open("a") as file:
         file.write("4,0.1")  # a line that was cut off
@@ -597,7 +604,7 @@ def two_workers(tmp_path_factory):
     said = (folder / "scheduler.log").open("w+")
     options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(folder / "s.json")]
     processes = [subprocess.Popen([*python, "scheduler", *options], stdout=said, stderr=said, cwd=folder)]
-    end = time.monotonic() + 60
+    end = time.monotonic() + 300
     while not (folder / "s.json").is_file() and time.monotonic() < end:
         time.sleep(0.1)
     address = json.loads((folder / "s.json").read_text())["address"]
@@ -609,13 +616,13 @@ def two_workers(tmp_path_factory):
     processes += workers
     from distributed import Client
 
-    with Client(address, timeout="30s") as client:
-        client.wait_for_workers(2, timeout=60)
+    with Client(address, timeout="300s") as client:
+        client.wait_for_workers(2, timeout=300)
     yield address, workers
     for p in processes:
         p.kill()
     for p in processes:
-        p.wait(20)
+        p.wait(60)
     said.close()
 
 
@@ -654,8 +661,9 @@ def test_a_lost_worker_loses_no_result(two_workers, tmp_path):
         found = {}
         for number, result in cluster.each(client, _task(), [(str(tmp_path), i) for i in range(16)]):
             found[number] = result
-            if len(found) == 4:
+            if len(found) >= 4 and list(tmp_path.glob(f"*-{workers[1].pid}")):
                 workers[1].kill()
+    assert workers[1].poll() is not None
     assert found == {i: i * i for i in range(16)}
     pids = {p.name.split("-")[1] for p in tmp_path.iterdir()}
     assert len(pids) == 2, "both workers had a share"

@@ -45,6 +45,17 @@ os.replace = counted(os.replace)
 
 COMMAND = AT_MOVE + "from twin.cli import main; sys.exit(main(sys.argv[1:]))"
 
+INTERRUPTED = (
+    AT_MOVE
+    + """
+import twin.cli.command_line
+from twin.cli import main
+open(os.environ["READY"], "w").close()
+sys.exit(main(sys.argv[1:]))
+"""
+)
+"""The command, which creates a file when all is imported that tells of Ctrl-C."""
+
 PROGRAM = "import sys; del sys.argv[1]; from twin.cli import main; sys.exit(main())"
 """The program as it is installed: the command runs in a child process of this process, which supervises it."""
 
@@ -74,6 +85,10 @@ class Place:
     def out(self) -> Path:
         return self.home / "twin-out/out"
 
+    @property
+    def ready(self) -> Path:
+        return self.home.with_name("ready")
+
     def reset(self) -> None:
         shutil.rmtree(self.home, ignore_errors=True)
         shutil.copytree(self.before, self.out)
@@ -84,7 +99,7 @@ class Place:
     ) -> subprocess.Popen:
         """Start a program in a session of its own."""
         env = os.environ | {"TMPDIR": str(self.home / "tmp"), "MOVED_TO": str(self.out)}
-        env["XDG_CACHE_HOME"] = str(self.cache)
+        env |= {"XDG_CACHE_HOME": str(self.cache), "READY": str(self.ready)}
         argv = [sys.executable, "-c", program, str(moves), *(a.format(out=self.out) for a in arguments)]
         return subprocess.Popen(
             argv, cwd=self.home, env=env, stdout=subprocess.DEVNULL, stderr=err, start_new_session=True
@@ -227,9 +242,12 @@ def test_stopped_by_ctrl_c_at_random(place):
     rng = random.Random(9)
     for _ in range(max(1, KILLS // 4)):
         out.reset()
-        code, said, left = _interrupted(
-            out.start(COMMAND, out.arguments, err=subprocess.PIPE), rng.uniform(0.3, seconds)
-        )
+        out.ready.unlink(missing_ok=True)
+        process = out.start(INTERRUPTED, out.arguments, err=subprocess.PIPE)
+        while not out.ready.exists():
+            assert process.poll() is None
+            time.sleep(0.01)
+        code, said, left = _interrupted(process, rng.uniform(0.05, seconds))
         if code:
             assert (code, len(said.splitlines())) == (130, 1), said
             assert said.startswith("twin: interrupted: ")
@@ -267,7 +285,7 @@ def _interrupted(process: subprocess.Popen, wait: float) -> tuple[int, str, list
     except subprocess.TimeoutExpired:
         process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=120)[1].decode()
-    for _ in range(100):  # the process of Python that watches semaphores ends a moment after the command
+    for _ in range(1200):  # the process of Python that watches semaphores ends a moment after the command
         own = _own(process.pid)
         if not own:
             break
