@@ -304,7 +304,9 @@ def until_drawn(address: str) -> None:
 
     protocol = f"viser-v{viser.__version__}"
     url = address.replace("http", "ws", 1)
-    with connect(url, subprotocols=[protocol], compression=None, max_size=None, proxy=None) as socket:
+    with connect(
+        url, subprotocols=[protocol], compression=None, max_size=None, proxy=None, open_timeout=PATIENCE
+    ) as socket:
         kinds: set[str] = set()
         while not any("Mesh" in kind or "Glb" in kind for kind in kinds):
             data = socket.recv(timeout=PATIENCE)

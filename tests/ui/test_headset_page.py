@@ -83,7 +83,7 @@ def test_a_protocol_is_played_and_scrubbed(desk, robot):
     desk.page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + box["height"] / 2)
     half = desk("twin.app.model.state.duration") / 2
     desk.until(f"Math.abs(twin.app.model.frame.clipTime - {half}) < 0.3", "it stands in the middle")
-    assert desk("twin.app.model.state.phase") in desk.id("phase").inner_text()
+    headset.until(lambda: desk("twin.app.model.state.phase") in desk.id("phase").inner_text(), "the phase is named")
     headset.agrees(desk, robot)
     desk.id("faster").click()
     desk.until("twin.app.model.state.speed === 2", "it is faster")

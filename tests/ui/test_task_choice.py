@@ -200,7 +200,7 @@ def test_a_ctrl_c_is_noted_also_after_the_server_was_stopped():
         headset_server._on_ctrl_c(stopping, interrupted)
         stopping.set()
         signal.raise_signal(signal.SIGINT)
-        await asyncio.wait_for(interrupted.wait(), 10)
+        await asyncio.wait_for(interrupted.wait(), 60)
 
     handler = signal.getsignal(signal.SIGINT)
     try:
