@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
 import twin
+from made import own_robot
 from made.lanes import contrasting, nightly
 from twin import cli
 from twin.analysis import cloud, cluster, design, joint_samples, table
@@ -380,6 +382,19 @@ def test_tolerances_that_are_none_are_refused(robots, spread):
         ErrorPropagation(robots["pa10"].mechanism, spread)
 
 
+def test_errors_that_do_not_move_the_tool_meet_every_requirement(robots):
+    budget = twin.tolerance(robots["sils"], Spread(0, 0, 0, 1e-3), required=1e-5)  # sils has no rotary encoder
+    assert budget.verdict == "agree"
+    assert budget.factor == np.inf
+    assert "met" in "\n".join(map(str, budget.text()))
+
+
+@pytest.mark.parametrize(("required", "samples"), [(0.0, 0), (-1e-5, 0), (np.nan, 0), (np.inf, 0), (1e-5, -1)])
+def test_a_tolerance_of_numbers_that_cannot_be_is_refused(robots, required, samples):
+    with pytest.raises(TwinError, match=r"= .* give "):
+        twin.tolerance(robots["sils"], Spread(1e-5, 0, 0, 0), required=required, samples=samples)
+
+
 @pytest.mark.slow
 def test_tolerance_command_tells_whether_a_requirement_is_met(tmp_path, capsys):
     coarse = ["tolerance", "hibou", "--samples", "2000", "--out", str(tmp_path), "--json", "--require-um", "50"]
@@ -523,6 +538,41 @@ def test_a_sweep_stops_and_goes_on(tmp_path, capsys):
     assert cli.main([*SWEEP, "--seed", "5", "--out", str(tmp_path / "b")]) == 2
     assert "the folder contains another sweep" in capsys.readouterr().err
     assert len(judged(tmp_path / "b")) == 5
+
+
+def test_a_sweep_of_a_robot_that_was_edited_is_another_one(tmp_path):
+    """Its results must not be those of the robot before: the grid and the design of the CAD may be the same."""
+    folder = own_robot.folder(tmp_path)
+    keys = []
+    for length in ("l_p / 3**0.5", "l_p"):
+        formula = folder / "formula.py"
+        formula.write_text(formula.read_text().replace("l_p / 3**0.5", length))
+        robot = twin.load(folder)
+        factors = [design.parse_factor(robot, "bar1:r12-s1=570..580mm")]
+        job = design.design_job(robot, str(folder), None, factors, ("tolerance",))
+        keys.append(table.key_of(job, design.sample_designs(factors, 0, 2, 0)))
+    assert keys[0] != keys[1]
+
+
+def test_a_sweep_runs_in_a_thread_too(tmp_path, monkeypatch):
+    """Only the main thread can set how signals are handled; results that are stored already need no workers."""
+    seen = []
+
+    def computed(client, function, tasks):
+        for i, task in enumerate(tasks):
+            yield i, function(*task)
+
+    monkeypatch.setattr("twin.analysis.sweep.cluster", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr("twin.analysis.sweep.each", computed)
+    monkeypatch.setattr("twin.analysis.design.evaluate_on", lambda *_: ({"tolerance": 1.0}, "processor"))
+
+    def run():
+        seen.append(twin.sweep("sher", "l4:e_a-e_d=72..75mm", tmp_path, grid=2, workers=1))
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    assert len(seen[0].designs) == 3
 
 
 @pytest.mark.parametrize(

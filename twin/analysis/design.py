@@ -7,9 +7,11 @@ between the joints. Each design is evaluated independently, so that the work can
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -101,6 +103,7 @@ class DesignJob:
         objectives: names of the objectives to evaluate.
         low, step, shape: grid of positions, see `PoseGrid`; `low` and `step` in m.
         R: (3, 3) orientation of the tool at all positions.
+        inputs: (name, content) of what the results depend on besides: hashes of the robot's files, places of trocars.
     """
 
     source: str
@@ -111,6 +114,7 @@ class DesignJob:
     step: float
     shape: tuple[int, int, int]
     R: tuple[tuple[float, ...], ...]
+    inputs: tuple[tuple[str, str], ...] = ()
 
 
 def parse_factor(robot: Robot, text: str) -> Factor:
@@ -245,6 +249,7 @@ def design_job(
             "--objective tolerance depends on the mechanism only, not on parameters of the equations; vary a "
             "distance of the mechanism (body:joint-joint)"
         )
+    inputs = _inputs(robot, source)
     if set(objectives) == {"tolerance"}:
         return DesignJob(
             source,
@@ -255,6 +260,7 @@ def design_job(
             step=1.0,
             shape=(1, 1, 1),
             R=(),
+            inputs=inputs,
         )
     T = centre(robot)
     try:
@@ -283,7 +289,20 @@ def design_job(
         step=step,
         shape=(nx, ny, nz),
         R=R,
+        inputs=inputs,
     )
+
+
+def _inputs(robot: Robot, source: str) -> tuple[tuple[str, str], ...]:
+    """Return (name, content) of what a design depends on besides the job; results of a robot that was edited differ."""
+    inputs = list(robot.hashes().items())
+    file = Path(source)
+    if file.is_file():  # a robot of one file, such as a URDF, has no other hashes
+        inputs.append((file.name, hashlib.sha256(file.read_bytes()).hexdigest()))
+    for name, position in robot.mechanism.trocar_places.items():
+        x, y, z = position
+        inputs.append((f"trocar {name}", f"{x:.9g}, {y:.9g}, {z:.9g} m"))
+    return tuple(inputs)
 
 
 def sample_designs(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:

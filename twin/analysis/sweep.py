@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -246,10 +248,9 @@ def _evaluate(
     for number in missing:
         tasks.append((job, designs[number].tolist(), device))
     computed_by: set[str] = set()
-    # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
-    handler_before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with cluster(scheduler, workers) as client:
+        # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
+        with _terminable(), cluster(scheduler, workers) as client:
             for task_number, (result, name) in each(client, design.evaluate_on, tasks):
                 store.add(missing[task_number], result)
                 computed_by.add(name)
@@ -258,6 +259,17 @@ def _evaluate(
     except KeyboardInterrupt:
         stored = f"{len(store.done)} of {len(designs)} designs are in {store.folder}"
         raise KeyboardInterrupt(f"{stored}; run the same command again to go on") from None
+    return computed_by
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM raise KeyboardInterrupt in the `with` block; only the main thread can set how signals are handled."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler_before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGTERM, handler_before)
-    return computed_by

@@ -52,7 +52,8 @@ class SweepTable:
                 raise TwinError(f"{job_path}: the file is damaged; give --fresh to start again") from error
             if stored != key:
                 raise TwinError(
-                    f"{folder}: the folder contains another sweep; give another --out, or --fresh to start again"
+                    f"{folder}: the folder contains another sweep, or this one of a robot that has been edited since; "
+                    "give another --out, or --fresh to start again"
                 )
         else:
             self._path.unlink(missing_ok=True)

@@ -24,6 +24,7 @@ from twin.api.robot import Robot
 from twin.api.robot_loading import loaded
 from twin.core import compute_device
 from twin.core.compute_device import PROCESSOR
+from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.progress import Progress, silent
@@ -72,10 +73,16 @@ class ToleranceBudget(Result):
 
     @property
     def factor(self) -> float | None:
-        """Required position error divided by computed position error in the worst state; a value below 1 fails."""
+        """Required position error divided by computed position error in the worst state; a value below 1 fails.
+
+        Infinite if no error moves the tool, as those of rotary encoders in a robot that only slides.
+        """
         if self.required is None:
             return None
-        return self.required / self.worst.within[0]
+        largest_error = self.worst.within[0]
+        if largest_error == 0:
+            return np.inf
+        return self.required / largest_error
 
     @cached_property
     def tightening(self) -> Tightening | None:
@@ -284,7 +291,7 @@ def tolerance(
         progress: see `twin.api.Progress`.
 
     Raises:
-        TwinError: a standard deviation is invalid, or the protocol cannot be planned.
+        TwinError: a standard deviation, `required` or `samples` is invalid, or the protocol cannot be planned.
 
     Examples:
         >>> import twin
@@ -292,6 +299,10 @@ def tolerance(
         >>> budget.verdict
         'disagree'
     """
+    if required is not None and not (np.isfinite(required) and required > 0):
+        raise TwinError(f"required = {required:g} m: give a finite position error above 0")
+    if samples < 0:
+        raise TwinError(f"samples = {samples}: give at least 1, or 0 to omit the Monte Carlo check")
     robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
