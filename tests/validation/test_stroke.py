@@ -89,7 +89,7 @@ def test_command_writes_table_picture_and_numbers(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "over 25 µm" in printed
     assert "3.777 mm" in printed
-    assert "< 10⁻⁹°" in printed  # not 2.5e-14°
+    assert "< 10⁻⁹\u202f°" in printed  # not 2.5e-14°
     assert "-2.77 um" in printed
     assert (tmp_path / "sweep/sweep.png").stat().st_size > 10_000
     rows = np.genfromtxt(tmp_path / "sweep/q5.csv", delimiter=",", names=True)

@@ -296,7 +296,8 @@ _POWER = "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"
 """An exponent as twin writes it in messages: `twin.core.format.power` makes superscripts."""
 
 _VALUE = re.compile(
-    rf"(?:< )?(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?:×10{_POWER}|{_POWER})?(?: ?(?:[pnµ]m|mm|m|°|deg)(?!\w))?"
+    rf"(?:< )?(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?:×10{_POWER}|{_POWER})?"
+    r"(?:[ \u202f]?(?:[pnµ]m|mm|m|°|deg)(?!\w))?"
     rf"|\b{EXACT}\b"
 )
 """A value in a message, with its unit if that is a length or an angle: its prefix depends on the size."""

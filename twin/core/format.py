@@ -33,6 +33,7 @@ _SMALLER_UNIT_BELOW = 1e-3  # number of mm or um below which a length is shown i
 _POWER_BELOW = 1e-4
 _POWER_FROM = 1e7
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NARROW_SPACE = "\u202f"  # never at the end of a line; without it, 10⁻⁷° reads as 10 to the power of -70
 _UNIT_SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 
 
@@ -93,8 +94,10 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     else:
         text = power(value, digits)
     sign = pretty_unit(unit)
-    if not sign or sign.startswith("°"):
-        return f"{text}{sign}"
+    if sign.startswith("°"):
+        return with_degrees(text, sign)
+    if not sign:
+        return text
     return f"{text} {sign}"
 
 
@@ -131,6 +134,13 @@ def power(value: float, digits: int = 3) -> str:
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
     return f"{mantissa}×10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+
+
+def with_degrees(number: str, sign: str) -> str:
+    """Return a number in degrees with the sign of its unit, "°" or that of a rate; a power of ten gets a space."""
+    if number[-1:] in "⁰¹²³⁴⁵⁶⁷⁸⁹":
+        return f"{number}{_NARROW_SPACE}{sign}"
+    return f"{number}{sign}"
 
 
 def ratio(value: float, limit: float | None) -> str:
@@ -200,9 +210,9 @@ def _angle(deg: float, per: str, digits: int | None) -> str:
     """Return an angle in degrees, or its rate with `per`."""
     size = abs(deg)
     if 0 < size < _ROUNDING_ANGLE:
-        return f"< 10⁻⁹°{per}"
+        return with_degrees("< 10⁻⁹", f"°{per}")
     if 0 < size < _ANGLE_POWER_BELOW:
-        return f"{power(deg, digits or 3)}°{per}"
+        return with_degrees(power(deg, digits or 3), f"°{per}")
     if not digits:
         digits = 4 if size >= 1 else 3
     return f"{plain(deg, digits)}°{per}"

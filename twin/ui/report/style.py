@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.core.format import deviation, power, quantity, seconds
+from twin.core.format import deviation, power, quantity, seconds, with_degrees
 from twin.core.units import DEG
 from twin.validation.result import PhaseSummary, Report
 
@@ -275,7 +275,7 @@ def _unit_tick(value: float, unit: str) -> str:
     # too small for a prefix of the unit
     if unit.startswith("rad"):
         rate = unit.removeprefix("rad")
-        text = f"{power(value / DEG, 1)}°{rate}"
+        text = with_degrees(power(value / DEG, 1), f"°{rate}")
     else:
         text = f"{power(value, 1)} {unit}"
     return text.removeprefix("1×")
