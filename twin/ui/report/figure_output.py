@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.core.json_types import JsonObject
-from twin.ui.report.style import BAND, GRID, INK, styled
+from twin.ui.report.style import BAND, FIT, GRID, INK, NEAR, UNFIT, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,4 +90,7 @@ def svg(figure: Figure, name: str, label: str) -> str:
     text = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", text)
     for color, variable in ((INK, "--ink"), (GRID, "--grid"), (BAND, "--band")):
         text = text.replace(color, f"var({variable})")
+    # words in the colours of a verdict, which are too dark for a dark page; surfaces with such colours have white text
+    for color, variable in ((FIT, "--good"), (UNFIT, "--bad"), (NEAR, "--near")):
+        text = re.sub(rf'(<text style="[^"]*fill: ){color}', rf"\g<1>var({variable})", text)
     return f'<svg {box} role="img" aria-label="{escape(label)}">{text}'

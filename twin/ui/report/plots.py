@@ -152,8 +152,7 @@ def residuals(report: Report) -> Figure | None:
             limit_line(ax, limit, f"tolerance {quantity(limit, group.unit)}")
         _mark_worst(ax, group.unit, group.lines, min(limits, default=np.inf))
         ax.set_ylabel(group.title)
-        if len(group.lines) > 1:
-            legend_beside(ax)
+        legend_beside(ax)
     return figure
 
 

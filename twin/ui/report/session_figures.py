@@ -104,7 +104,7 @@ def operator_text(seed: int | None) -> str:
 def _draw_view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the upper left (i = 0) or upper right (i = 1) panel."""
     if session.training and view == 1:
-        _draw_deviation(ax, session)
+        _draw_deviation(ax, session, arms)
         return
     outcome = session.outcome
     if not isinstance(outcome, AlignOutcome):
@@ -166,12 +166,16 @@ def _draw_angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal:
     ax.yaxis.tick_right()
 
 
-def _draw_deviation(ax: Axes, session: ConsoleSession) -> None:
-    """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
+def _draw_deviation(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+    """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay.
+
+    The curve of a machine has the colour of its arm, which the head of the figure names.
+    """
+    arm_colors = {name: color for color, (_, name) in zip(PALETTE, arms, strict=False)}
     colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
-    for k, machine in enumerate(session.training):
+    for machine in session.training:
         times, shown_deviation = thinned_curve(machine.t, machine.deviation / MM, _MAX_CURVE_POINTS)
-        ax.plot(times, shown_deviation, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
+        ax.plot(times, shown_deviation, color=arm_colors.get(machine.robot, INK), lw=0.9)
         for step in machine.steps:
             if step.phase in colors:
                 ax.axvspan(step.begin, step.end, color=colors[step.phase], alpha=0.4, lw=0)

@@ -31,7 +31,9 @@ def figure(sweep: Sweep) -> Figure:
 
     heights = [2.2] * len(objectives)
     has_trade = len(objectives) > 1
+    best_name = "best"
     if has_trade:
+        best_name = "Pareto-optimal"
         heights.insert(0, 3.4)
     height = 0.7 + sum(heights)
     drawing = titled_figure(f"{sweep.robot}: {len(designs) - 1} designs, compared with the CAD", height)
@@ -45,14 +47,16 @@ def figure(sweep: Sweep) -> Figure:
         for j, factor in enumerate(factors):
             x = designs[:, j]
             ax = drawing.add_subplot(grid[first_row + i, j])
-            ax.scatter(x[~best], y[~best], s=8, color=PALETTE[7])
-            ax.scatter(x[best], y[best], s=14, color=PALETTE[0])
-            ax.scatter(x[:1], y[:1], s=80, marker="*", color=PALETTE[1], zorder=3)  # design 0: the CAD
+            ax.scatter(x[~best], y[~best], s=8, color=PALETTE[7], label="dominated")
+            ax.scatter(x[best], y[best], s=14, color=PALETTE[0], label=best_name)
+            ax.scatter(x[:1], y[:1], s=80, marker="*", color=PALETTE[1], zorder=3, label="CAD")  # design 0
             ax.tick_params(labelcolor=INK)
             if j == 0:
                 ax.set_ylabel(objective)
             if i == len(objectives) - 1:
                 ax.set_xlabel(factor)
+            if not has_trade and j == 0:
+                ax.legend(loc="best")
     return drawing
 
 

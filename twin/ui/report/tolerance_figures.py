@@ -63,9 +63,13 @@ def _draw_states(ax: Axes, states: list[JsonObject], required: float | None) -> 
         names.append(state["state"])
         values[i] = state["within_position"] / UM
     end = values.max()
-    bars = ax.barh(names, values, color=FIT, height=0.6)
+    color = PALETTE[0]
+    if required is not None:
+        color = FIT
+    bars = ax.barh(names, values, color=color, height=0.6)
+    # a space at the begin of a text in an SVG is kept only if it is a no-break space
     for y, value in enumerate(values):
-        ax.text(value, y, f" {value:.4g} µm", va="center", color=INK, fontsize=8.5)
+        ax.text(value, y, f"\u00a0{value:.4g} µm", va="center", color=INK, fontsize=8.5)
     if required is not None:
         limit = required / UM
         end = max(end, limit)
@@ -73,7 +77,7 @@ def _draw_states(ax: Axes, states: list[JsonObject], required: float | None) -> 
             if value > limit:
                 bar.set_facecolor(UNFIT)
         ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
-        ax.text(limit, -0.62, f" required {limit:g} µm", fontsize=8.5, color=INK, va="bottom")
+        ax.text(limit, -0.62, f"\u00a0required {limit:g} µm", fontsize=8.5, color=INK, va="bottom")
     ax.invert_yaxis()
     ax.set_xlim(0, 1.18 * end)
     ax.set_xlabel("95th-percentile position error [µm]")
