@@ -15,6 +15,7 @@ from twin.core.findings import Finding
 from twin.core.provenance import Parameter
 from twin.ui.report import render_html, write_report
 from twin.ui.report.html import _with_commands, command, key_figures, verdict_reason
+from twin.ui.report.plots import residuals
 from twin.ui.report.residual_matrix import residual_matrix
 from twin.validation.result import Report, Residual
 
@@ -102,6 +103,20 @@ def test_page_says_everything(disagree, written):
     assert "twin validate sils --protocol table2 --variant eq1=printed" in text
     for pair in ("A–B", "B–C", "B–D"):
         assert pair in text
+
+
+def test_a_row_within_its_tolerance_has_no_cause(agree):
+    first, *others = agree.residuals
+    assert first.agrees
+    blamed = replace(first, consequence_of="point s9")
+    page = render_html(replace(agree, residuals=(blamed, *others), series={}))
+    assert "caused by point s9" not in page
+
+
+def test_a_single_driven_joint_is_named_beside_its_residual(agree):
+    series = {"t_coarse": agree.series["t_coarse"], "residual_driven.q4": agree.series["residual_driven.q4"]}
+    (ax,) = residuals(replace(agree, series=series)).axes
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["q4"]
 
 
 def test_findings_come_gravest_first(written):

@@ -29,3 +29,10 @@ def test_only_wide_tables_and_figures_scroll_sideways(page, width):
     page.set_viewport_size({"width": width, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(WIDER) == []
+
+
+def test_a_column_of_sentences_is_wide_enough_on_a_phone(page):
+    page.set_viewport_size({"width": 390, "height": 844})
+    widths = page.evaluate("[...document.querySelectorAll('#variants tbody td:last-child')].map(e => e.offsetWidth)")
+    assert widths
+    assert min(widths) >= 200
