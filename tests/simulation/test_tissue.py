@@ -469,6 +469,11 @@ def test_organ_that_nothing_holds_is_refused():
         Organs([made.tissue("egg", trimesh.creation.icosphere(2, 0.05), -0.5)], [], [])
 
 
+def test_organ_whose_pins_hold_all_nodes_is_refused():
+    with pytest.raises(WorldError, match="tissue 'ball': its pins hold all 27 nodes of its grid, so that it cannot"):
+        Organs([made.tissue("ball", trimesh.creation.icosphere(2, 0.05), 1.0)], [], [])
+
+
 class Push(Block):
     """A controller: the second link turns down."""
 

@@ -111,7 +111,11 @@ class Organ:
         )
 
     def constrain(self, spec: mujoco.MjSpec) -> None:
-        """Add the constraint of the volume, linear in the joint values of the nodes, and those of bed and jaws."""
+        """Add the constraint of the volume, linear in the joint values of the nodes, and those of bed and jaws.
+
+        Raises:
+            WorldError: the pins hold all nodes.
+        """
         t = self.tissue
         volume = f"{t.name}_volume"
         self._joints: list[str] = []
@@ -131,6 +135,11 @@ class Organ:
                 self._joints.append(joint.name)
                 joints_of_nodes[index].append(joint.name)
                 tendon.wrap_joint(joint.name, factor)
+        if not self._joints:
+            raise WorldError(
+                f"tissue '{t.name}': its pins hold all {len(t.nodes)} nodes of its grid, so that it cannot move; make "
+                "their boxes smaller"
+            )
         spec.add_equality(
             name=volume,
             type=mujoco.mjtEq.mjEQ_TENDON,
