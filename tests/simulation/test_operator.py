@@ -11,11 +11,18 @@ import pytest
 from made.lanes import nightly
 from made.worlds import HOME, LIMITS, controller, goal_beside_home, sher_equations
 from twin.cli import main
+from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.units import MM
-from twin.simulation.devices.hand import Goal, HandMotion, Tremor, minimum_jerk
+from twin.kinematics import compile_formula
+from twin.robots import load_formula
+from twin.simulation.controllers.pen_handle import PenToHandle
+from twin.simulation.controllers.teleoperation import Gains, Teleoperation
+from twin.simulation.devices.hand import Goal, HandMotion, ScriptedHand, Tremor, minimum_jerk
+from twin.simulation.limits import JointLimits
 from twin.simulation.operator_trials import Trial, _missed
 from twin.simulation.trial import Record, measure, operate, remaining
+from twin.simulation.world import Signals
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +77,43 @@ def test_while_the_pedal_is_up_the_tool_stands(kin):
     up = ~record.pedal[1:]
     assert np.abs(np.diff(record.q, axis=0)[up]).max() == 0
     assert np.abs(record.handle[:, 0]).max() < HandMotion().reach[0] * (1 + 3 * HandMotion().misjudge)
+
+
+def test_the_handle_leaves_its_middle_also_for_a_long_way(kin):
+    goal = goal_beside_home(kin, (12, 0, 0))
+    hand = ScriptedHand("sher", kin, [goal], 0.01, 1 / 200)  # 1.2 m of hand: 24 times its reach
+    handles = [hand.step({"sher.q": HOME}, k / 200, 1 / 200)["hand.handle"] for k in range(400)]
+    assert max(handle[0] for handle in handles) > 0.8 * HandMotion().reach[0]
+
+
+@pytest.mark.slow
+def test_a_tool_half_a_turn_from_zero_reaches_its_goal():
+    """The coordinates of a tool that points down are near pi or minus pi."""
+    kin = compile_formula(load_formula("pa10"))
+    poses = []
+    for angle in (-0.01, 0.01):
+        turn = spatial.exp_so3([angle, 0.0, angle])
+        poses.append(spatial.pose(turn @ np.diag([1.0, -1.0, -1.0]), [0.31, 0.48, 0.16]))
+    start = kin.inverse(poses[0])
+    goal = Goal("there", poses[1], 50e-6)
+    limits = JointLimits(np.full(7, -4.0), np.full(7, 4.0), np.ones(7))
+    scale = np.array([0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
+    record = operate(kin, start, limits, Teleoperation(Gains(scale=scale), 1 / 200, coordinates=6), [goal])
+    assert not record.missed
+    assert np.abs(np.diff(record.q, axis=0)).max() < 2e-3
+
+
+def test_a_pen_that_passes_half_a_turn_does_not_jump():
+    kin = compile_formula(load_formula("pa10"))
+    start = kin.inverse(spatial.pose(np.diag([1.0, -1.0, -1.0]), [0.31, 0.48, 0.16]))
+    pen = PenToHandle("right", "pedals", kin, start, np.eye(3), 1 / 200)
+    signals = {"pedals.clutch": np.ones(1)}
+    handles = []
+    for angle in np.linspace(-0.1, 0.1, 9):
+        pose = spatial.pose(spatial.exp_so3([angle, 0.0, angle]))
+        now = Signals({**signals, "right.pose": pose.ravel()})
+        handles.append(pen.step(now, 0.0, 1e-3)["right.handle"])
+    assert np.abs(np.diff(handles, axis=0)).max() < 0.1
 
 
 @pytest.mark.nightly

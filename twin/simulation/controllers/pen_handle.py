@@ -8,7 +8,7 @@ from twin.core import spatial
 from twin.core.spatial import Array, length
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE, TOOLS
-from twin.simulation.controllers.teleoperation import Teleoperation
+from twin.simulation.controllers.teleoperation import Teleoperation, near_coordinates
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     CONSOLE_MODE,
@@ -60,6 +60,8 @@ class PenToHandle(Block):
         self._free_until = 0.0
         self._was_silent = True  # until the first state of the hand
         self._jumps = 0
+        self._is_angle = np.array([unit == "rad" for unit in kin.formula.coordinates.units])
+        self._handle: Array | None = None
         self.outputs = {
             HAND_HANDLE.of(hand): self._coordinates(np.eye(4)),
             HAND_PEDAL.of(hand): 0.0,
@@ -95,10 +97,14 @@ class PenToHandle(Block):
         return bool(distance > largest_distance or angle > largest_angle)
 
     def _coordinates(self, pose: Array) -> Array:
-        """Return the coordinates (n,) of the pen at `pose` (4, 4) in {H}."""
+        """Return the coordinates (n,) of the pen at `pose` (4, 4) in {H}, with angles nearest to the last ones."""
         turn = self._R_base_hand @ pose[:3, :3] @ self._R_base_hand.T
         T = spatial.pose(turn @ self._R_start, self._R_base_hand @ pose[:3, 3])
-        return self.kin.program.coordinates_of_pose.one(T.ravel())
+        coordinates = self.kin.program.coordinates_of_pose.one(T.ravel())
+        if self._handle is not None:
+            coordinates = near_coordinates(coordinates, self._handle, self._is_angle)
+        self._handle = coordinates
+        return coordinates
 
 
 class PedalFollowing(Block):

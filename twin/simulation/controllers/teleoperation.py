@@ -56,6 +56,18 @@ def scales_of(kin: Kinematics, scale: float) -> Array:
     return scales
 
 
+def near_coordinates(coordinates: Array, near: Array, is_angle: Array) -> Array:
+    """Return coordinates (n,) with their angles changed by full turns, to the values nearest to `near` (n,).
+
+    The coordinates of a pose are angles within half a turn of 0; with them alone, a tool that passes half a turn would
+    jump by a full one.
+    """
+    full_turns = np.where(is_angle, np.rint((coordinates - near) / (2 * np.pi)), 0.0)
+    if not full_turns.any():  # the usual case, without a rounding
+        return coordinates
+    return coordinates - 2 * np.pi * full_turns
+
+
 class Teleoperation:
     """Computes tool rates u from handle positions Xo, tool positions X and the pedal Mp, tick by tick.
 
@@ -144,16 +156,18 @@ class HandToTool(Block):
         self.law = law
         self.period = law.dt
         self._T_base_tool = kin.forward(q)
+        self._tool = kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
         self.outputs = {ROBOT_RATE.of(robot): np.zeros_like(law.offset)}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Evaluate the control law."""
         self._T_base_tool = self.kin.forward(signals[ROBOT_ENCODER.of(self.robot)], self._T_base_tool)
         tool = self.kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
+        self._tool = near_coordinates(tool, self._tool, ~self._is_length)
         handle = signals[HAND_HANDLE.of(self.device)]
         if self._scale_signal is not None:
             scale = np.where(self._is_length, signals.now[self._scale_signal][0], 1.0)
             if not np.array_equal(scale, self.law.gains.scale):
                 self.law.rescale(scale, handle)
         pedal = bool(signals[HAND_PEDAL.of(self.device)][0] > 0.5)
-        return {ROBOT_RATE.of(self.robot): self.law.step(handle, tool, pedal)}
+        return {ROBOT_RATE.of(self.robot): self.law.step(handle, self._tool, pedal)}

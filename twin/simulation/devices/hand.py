@@ -190,6 +190,12 @@ class ScriptedHand(Block):
         self._T_base_tool = self.kin.forward(self._signals[ROBOT_Q.of(self.robot)], self._T_base_tool)
         return self.kin.program.coordinates_of_pose.one(self._T_base_tool.ravel())
 
+    def _missing(self, goal: Array) -> Array:
+        """Return the motion (n,) of the handle that brings the tool to coordinates (n,), by the shorter turns."""
+        difference = goal - self._tool_coordinates()
+        full_turns = np.where(self._is_angle, np.rint(difference / (2 * np.pi)), 0.0)
+        return (difference - 2 * np.pi * full_turns) / self._scale
+
     def _work(self) -> Iterator[bool]:
         """Do the task; yield the state of the pedal once per period."""
         reach = np.where(self._is_angle, self.hand.reach[1], self.hand.reach[0])
@@ -201,7 +207,7 @@ class ScriptedHand(Block):
             stalled = 0
             while stalled < _LARGEST_STALLS:
                 # the tool is measured anew before each stroke, as an operator looks again
-                missing = (self._goal_coordinates[i] - self._tool_coordinates()) / self._scale
+                missing = self._missing(self._goal_coordinates[i])
                 remaining = float(np.linalg.norm(missing / reach))
                 if remaining < _PROGRESS * least_remaining:
                     least_remaining = remaining
@@ -229,7 +235,8 @@ class ScriptedHand(Block):
         space = np.where(missing > 0, reach - self._handle, reach + self._handle)
         lengths = np.abs(missing)
         possible_share = np.where(lengths > 1e-12, space / np.maximum(lengths, 1e-12), 1.0).min()
-        if possible_share < _LEAST_STROKE:  # the handle is at the end of its range
+        # From its middle, the handle makes a stroke also if this is a small share of a long way.
+        if possible_share < _LEAST_STROKE and self._handle.any():  # the handle is at the end of its range
             yield from self._move(np.zeros_like(self._handle), _MOVE_BACK, False)
             yield from self._hold(_PRESS_PAUSE, True)
             return
