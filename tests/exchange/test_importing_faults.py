@@ -46,6 +46,8 @@ FIXED = (
     f'<link name="c">{INERTIAL}</link><joint name="caster" type="fixed"><parent link="base"/><child link="c"/></joint>'
 )
 
+LOOSE = FIXED.replace("caster", "loose").replace("fixed", "floating")
+
 SPHERE = '<visual><geometry><sphere radius="{}"/></geometry></visual>'
 
 WARNED = {  # a file, the driven joints, and the warning
@@ -73,6 +75,11 @@ WARNED = {  # a file, the driven joints, and the warning
         text(more=FIXED.replace("</joint>", '<mimic joint="lift" multiplier="2"/></joint>')),
         {"lift", "turn"},
         "joint 'caster' is fixed, so its mimic has no effect.",
+    ),
+    "transmission of a floating joint": (
+        text(more=LOOSE + transmission("lift") + transmission("loose", "50")),
+        {"lift"},
+        "transmission 'of_loose': joint 'loose' is floating, which no motor drives: the transmission moves nothing.",
     ),
     "text as reduction": (
         text(more=transmission("lift", "ratio_of_motor")),

@@ -57,8 +57,8 @@ def _check_motors(structure: LinkStructure, motors: Sequence[str]) -> None:
 def _transmission_joints(structure: LinkStructure) -> set[str]:
     """Return the joints that transmissions move.
 
-    Left out are joints that mimic another joint, which the other joint moves, and, with a warning, fixed joints and
-    names of no joint: files of a part of a robot often keep the transmissions of the whole robot.
+    Left out are joints that mimic another joint, which the other joint moves, and, with a warning, joints without one
+    coordinate and names of no joint: files of a part of a robot often keep the transmissions of the whole robot.
     """
     driven = set()
     for transmission in structure.xml.root.findall("transmission"):
@@ -71,6 +71,10 @@ def _transmission_joints(structure: LinkStructure) -> set[str]:
                 structure.findings.warn("gear", text, label)
             elif joint.get("type") == "fixed":
                 text = f"transmission '{label}': joint '{name}' is fixed, so the transmission moves nothing."
+                structure.findings.warn("gear", text, label)
+            elif joint.get("type") not in MOVING and name not in structure.retyped:
+                text = f"transmission '{label}': joint '{name}' is {joint.get('type')}, which no motor drives: the "
+                text += "transmission moves nothing."
                 structure.findings.warn("gear", text, label)
             elif joint.find("mimic") is not None:
                 text = f"joint '{name}' mimics another joint, so its transmission drives nothing."

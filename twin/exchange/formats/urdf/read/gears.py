@@ -46,7 +46,7 @@ def read_gears(
             element = joints.get(names[0])
             if ratios[0] != 1 and element is not None and element.get("type") in MOVING:
                 gears[names[0]] = Gear(label, str(actuators[0].get("name")), ratios[0])
-        elif names and _all_fixed(names, joints):
+        elif names and not _any_moves(names, joints, retyped):
             continue  # the reader of driven joints has warned
         elif len(names) > 1 or ratios.count(1) < len(ratios):
             content = "the assignment of motors to joints"
@@ -80,10 +80,10 @@ def _has_offset(xml: Xml, where: str, transmission: Element) -> bool:
     return has_offset
 
 
-def _all_fixed(names: Sequence[str], joints: Mapping[str, Element]) -> bool:
-    """Return whether none of the joints with these names moves; names of no joint do not count."""
+def _any_moves(names: Sequence[str], joints: Mapping[str, Element], retyped: Collection[str]) -> bool:
+    """Return whether a motor can drive one of the joints with these names; names of no joint do not count."""
     for name in names:
         joint = joints.get(name)
-        if joint is not None and joint.get("type") != "fixed":
-            return False
-    return True
+        if name in retyped or (joint is not None and joint.get("type") in MOVING):
+            return True
+    return False
