@@ -560,3 +560,26 @@ def test_a_working_folder_that_was_removed_is_named(capsys, monkeypatch, tmp_pat
 def test_a_seed_of_many_digits_is_named(capsys):
     assert main(["plan", "sils", "--seed", "1" * 400]) == 2
     assert "has no effect without --avoid" in capsys.readouterr().err
+
+
+def test_a_lack_of_memory_is_said(capsys, monkeypatch):
+    def fail(args):
+        raise MemoryError("Unable to allocate 238. TiB")
+
+    monkeypatch.setattr("twin.cli.commands.list.run", fail)
+    assert main(["list"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("twin: the memory of this computer does not suffice (Unable to allocate 238. TiB)")
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--step-mm=1e-320", "mm is too small: increase --step-mm, or reduce --count"),
+        ("--step-mm=1e-300", "mm is too small: increase --step-mm, or reduce --count"),
+        ("--turns=99999999999999999999", "(--turns): give at most 1000000"),
+    ],
+)
+def test_a_grid_without_end_is_refused(option, said, capsys, tmp_path):
+    assert main(["workspace", "sils", option, "--tilt-deg", "1", "--out", str(tmp_path)]) == 2
+    assert said in capsys.readouterr().err

@@ -19,7 +19,15 @@ import pytest
 from made.lanes import thinned
 from twin.cli import main
 from twin.core import atomic, unfinished
-from twin.core.atomic import Scratch, atomic_folder, require_writable, settle, settle_all, write_text
+from twin.core.atomic import (
+    Scratch,
+    atomic_folder,
+    require_writable,
+    require_writable_file,
+    settle,
+    settle_all,
+    write_text,
+)
 from twin.core.errors import OutputError
 
 
@@ -41,6 +49,26 @@ def test_a_text_below_a_file_is_an_output_error_that_names_it(tmp_path):
     with pytest.raises(OutputError, match=r"file/report\.xml: cannot be written"):
         write_text(tmp_path / "file/report.xml", "new")
     assert (tmp_path / "file").read_text() == "old"
+
+
+def test_a_text_is_written_to_the_file_behind_a_link(tmp_path):
+    shared = tmp_path / "shared.json"
+    shared.write_text("old")
+    link = tmp_path / "link.json"
+    link.symlink_to(shared)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert shared.read_text() == "new"
+
+
+def test_no_file_takes_the_place_of_a_pipe(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OutputError, match="pipe: it is a device or a pipe; give the name of a file"):
+        require_writable_file(pipe)
+    with pytest.raises(OutputError, match="pipe: it is a device or a pipe; give the name of a file"):
+        write_text(pipe, "new")
+    assert pipe.is_fifo()
 
 
 def test_atomic_folder_moves_all_files(tmp_path):

@@ -23,6 +23,12 @@ from twin.core.units import MM
 _POSITIONS = 50_000_000
 """Maximum number of positions; each takes 16 bytes, in memory or on disk."""
 
+_INTERVALS = 1e100
+"""Largest number of steps along an edge for which the number of positions is a floating-point number."""
+
+_TURNS = 1_000_000
+"""Maximum number of orientations at each position."""
+
 
 def workspace(
     robot: Robot | str | Path,
@@ -58,7 +64,8 @@ def workspace(
 
     Raises:
         TwinError: no position of the grid, or with `tilt` or `scheduler` none in the search for its extent, is reached;
-            the grid has more than 5e7 positions; or joint values would have to be sampled with `scheduler`.
+            the grid has more than 5e7 positions, or more than 1e6 orientations at each; or joint values would have to
+            be sampled with `scheduler`.
 
     Examples:
         >>> import twin
@@ -67,6 +74,8 @@ def workspace(
         True
     """
     require_keys("workspace", processes, Processes)
+    if turns > _TURNS:
+        raise TwinError(f"{turns} orientations at each position (--turns): give at most {_TURNS}")
     scheduler = processes.get("scheduler")
     source = ""
     if scheduler:
@@ -125,8 +134,12 @@ def _grid(
     """
     if step is None:
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
+    with np.errstate(over="ignore"):
+        intervals = np.floor((high - low) / step)
+    if (intervals > _INTERVALS).any():
+        raise TwinError(f"a step of {step / MM:.3g} mm is too small: increase --step-mm, or reduce --count")
     # Integers of Python have no largest value, those of numpy have one.
-    nx, ny, nz = map(int, (np.floor((high - low) / step) + 1).tolist())
+    nx, ny, nz = map(int, (intervals + 1).tolist())
     grid = PoseGrid(low=low, step=step, shape=(nx, ny, nz), R_base_tool=T_base_tool[:3, :3], tilt=tilt, turns=turns)
     if grid.positions > _POSITIONS:
         raise TwinError(

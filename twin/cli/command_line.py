@@ -90,6 +90,9 @@ def run(argv: Sequence[str]) -> int:
             return failed("output", text, args.json)
         if isinstance(error, OSError) and (refused := _refused(error)):
             return failed(type(error).__name__, refused, args.json)
+        if isinstance(error, MemoryError):
+            text = f"the memory of this computer does not suffice ({error or 'none is left'}): ask for fewer samples"
+            return failed(type(error).__name__, text, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return failed(type(error).__name__, text, args.json)
 

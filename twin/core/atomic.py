@@ -116,19 +116,31 @@ def require_writable_file(path: Path) -> None:
     """Raise an error if no file could be written at this path; call this before a long computation.
 
     Raises:
-        OutputError: the path is a folder, or its parent folder cannot be written.
+        OutputError: the path is a folder, a device or a pipe, or its parent folder cannot be written.
     """
     if path.is_dir():
         raise OutputError(f"cannot write to {path}: it is a folder; give the name of a file, as in {path / 'name'}")
+    _refuse_device(path)
     require_writable(path.parent)
+
+
+def _refuse_device(path: Path) -> None:
+    """Raise an `OutputError` for a device or a pipe, such as /dev/stdout, of which a new file would take the place."""
+    if path.exists() and not path.is_file():
+        raise OutputError(f"cannot write to {path}: it is a device or a pipe; give the name of a file")
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8 to a file; the file has the old or the new content, also after an interrupt.
 
+    At a symbolic link, the file to which it leads is written.
+
     Raises:
         OutputError: it cannot be written.
     """
+    if not path.is_dir():
+        _refuse_device(path)
+    path = Path(os.path.realpath(path))
     beside = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
