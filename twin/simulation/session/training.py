@@ -19,7 +19,6 @@ from twin.simulation import machine_scene
 from twin.simulation.controllers.trainer_states import TrainerPhase, TrainerReason, reason_text
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
-from twin.simulation.session import movement
 from twin.simulation.world import Recording
 from twin.simulation.world.signal_kinds import ROBOT_CUE, ROBOT_DEVIATION, ROBOT_PHASE, ROBOT_Q, ROBOT_RUN
 
@@ -170,8 +169,9 @@ def measure(recording: Recording, table: TrainerTable, robot: str, kin: Kinemati
     answers = run[:, ANSWERS] > 0.5
     first_answer = int(np.argmax(answers)) if answers.any() else len(recording.t)
     # before its first state, a machine is not silent: it has not been connected yet
-    stopped = (run[first_answer:, LEVEL] == Level.E_STOP) & answers[first_answer:]
-    stops = len(movement.runs(stopped))
+    # a machine that is in E_STOP at the start, or before and after a silence, has not gone there
+    is_stopped = (run[answers, LEVEL] == Level.E_STOP).astype(int)
+    stops = int(np.count_nonzero(np.diff(is_stopped) > 0))
     silent = float(np.sum(~answers[first_answer:]) * recording.dt)
     return Training(robot, recording.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
 
