@@ -875,3 +875,11 @@ def test_measures_of_a_session(scene, robot, parts):
     assert [f.code for f in found.findings()] == ["training.cue", "training.record"]
     assert "the record of raven_left is 120 s long (limit 120)" in found.steps[2].text
     assert len(list(found.rows())) == 8
+    assert found.stops == 0
+    run = rows["raven_left.run"]
+    run[:50, 1] = Level.E_STOP  # until the start button is pressed
+    run[700:800, 1] = Level.E_STOP
+    run[740:750, 0] = 0.0  # in which the machine does not answer
+    kept = Recording(dt, {k: v.shape[1] for k, v in rows.items()}, np.concatenate([*rows.values()], axis=1))
+    found = measure(kept, scene.trainer, "raven_left", kin)
+    assert (found.stops, found.silent) == (1, pytest.approx(0.05))
