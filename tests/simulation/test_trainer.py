@@ -9,6 +9,7 @@ import struct
 import threading
 import time
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,9 +43,10 @@ from twin.simulation.controllers.trainer_states import (
     reason_text,
 )
 from twin.simulation.controllers.view_switch import ViewSwitch
+from twin.simulation.devices import joint_packets
 from twin.simulation.devices.joint_packets import JointPackets
 from twin.simulation.devices.joint_packets import pack as pack_joints
-from twin.simulation.machine import state_packets
+from twin.simulation.machine import machine_link, state_packets
 from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import PATIENCE, Address, MachineLink, StateReader
@@ -560,6 +562,13 @@ class Sender:
             self.peer.close()
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """Readers of states, and of joint values, for which a pause of the computer is no silence."""
+    monkeypatch.setattr(machine_link, "PATIENCE", 60.0)
+    monkeypatch.setattr(joint_packets, "PATIENCE", 60.0)
+
+
 def soon(condition):
     end = time.monotonic() + 60
     while not (found := condition()):
@@ -576,7 +585,7 @@ def soon(condition):
         (b"\x00" * 216, "a state begins with"),
     ],
 )
-def test_a_reader_stops_at_a_wrong_state(second, message):
+def test_a_reader_stops_at_a_wrong_state(second, message, patient):
     with Sender() as sender:
         reader = StateReader("127.0.0.1", sender.port, 7)
         sender.send(STATE)
@@ -615,19 +624,25 @@ def test_a_pause_of_the_reading_program_is_no_silence_of_the_machine(monkeypatch
     """States that arrived in the pause are read after it, late; the machine sent them in time."""
     with Sender() as sender:
         reader = StateReader("127.0.0.1", sender.port, 7)
-        sender.send(STATE)
-        soon(lambda: reader.answers)
-        late = time.monotonic() + 10 * PATIENCE
-        monkeypatch.setattr(time, "monotonic", lambda: late)
-        assert reader.answers
-        monkeypatch.undo()
+        sent = count()
+
+        def answers(pause=0.0):
+            """Whether the reader answers after a state; if this program really pauses, the next one is tried."""
+            k = next(sent)
+            sender.send(replace(STATE, tick=STATE.tick + k, t=STATE.t + 1e-3 * k))
+            soon(lambda: reader.newest and reader.newest.tick == STATE.tick + k)
+            with monkeypatch.context() as patch:
+                late = time.monotonic() + pause
+                patch.setattr(time, "monotonic", lambda: late)
+                return reader.answers
+
+        soon(lambda: answers(10 * PATIENCE))
         soon(lambda: not reader.answers)  # now it is really silent
-        sender.send(replace(STATE, tick=STATE.tick + 1, t=STATE.t + 1e-3))
-        soon(lambda: reader.answers)
+        soon(answers)
         reader.close()
 
 
-def test_a_machine_that_has_gone_and_one_that_was_never_there():
+def test_a_machine_that_has_gone_and_one_that_was_never_there(patient):
     with Sender() as sender:
         reader = StateReader("127.0.0.1", sender.port, 7)
         sender.send(state_packets.pack(STATE)[:100], state_packets.pack(STATE)[100:])  # in two pieces
@@ -641,7 +656,7 @@ def test_a_machine_that_has_gone_and_one_that_was_never_there():
         StateReader("127.0.0.1", port, 7)
 
 
-def test_another_master_is_named():
+def test_another_master_is_named(patient):
     """The machine accepts nothing of this master, and refuses each packet."""
     with Sender() as sender:
         link = MachineLink(Address("127.0.0.1", 9, sender.port), 7)
@@ -774,7 +789,7 @@ def test_a_wrong_joint_packet_is_refused(packets, data, sender, message):
     assert packets.accepted == 1
 
 
-def test_a_twin_follows_joint_packets(robot):
+def test_a_twin_follows_joint_packets(robot, patient):
     packets = JointPackets(0, 7)
     mirror = Mirror(robot, packets)
     mirror.step()
