@@ -12,14 +12,22 @@ from made import consoles
 from made.alone import Alone
 from made.lanes import one_of_a_kind
 from twin.core import spatial
-from twin.core.errors import KinematicsError, WorldError
+from twin.core.errors import KinematicsError, TwinError, WorldError
 from twin.core.units import DEG, MM
+from twin.simulation import console_scene
 from twin.simulation.controllers.camera import CameraDrag, CameraDragging, view
 from twin.simulation.controllers.console_equations import READINGS, console
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.pose_to_joints import PoseToJoints
-from twin.simulation.controllers.tool_following import SCALE_RANGE, FollowingControl, HandPace, HandToPose, is_held
+from twin.simulation.controllers.tool_following import (
+    SCALE_RANGE,
+    FollowingArm,
+    FollowingControl,
+    HandPace,
+    HandToPose,
+    is_held,
+)
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import JointLimits
@@ -268,6 +276,16 @@ def test_a_quick_tap_is_counted_and_a_long_one_not(ticks, taps):
 
 
 # -- jaw ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("high", [np.inf, -0.1])
+def test_a_jaw_that_no_upper_limit_opens_is_refused(high):
+    kin = twin.load("raven_left").kinematics()
+    arm = FollowingArm("left", kin, np.eye(4))
+    n = len(kin.joints)
+    limits = JointLimits(np.full(n, -1.0), np.full(n, high), np.ones(n))
+    with pytest.raises(TwinError, match=f"left: the upper limit of the jaw's joint 'jaw' is {high:g} rad"):
+        list(console_scene._jaws("left", [arm], {"left": limits}, {"left": np.zeros(n)}, DT))
 
 
 def jaw(offset=0.0):

@@ -239,7 +239,11 @@ def _planned(device: Block) -> list[str]:
 def _jaws(
     hand: str, arms: Sequence[FollowingArm], limits: Mapping[str, JointLimits], q: Mapping[str, Array], dt: float
 ) -> Iterator[Block]:
-    """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm."""
+    """Yield a block for each arm that has a jaw: a hand moves the jaw, the first auxiliary joint of the arm.
+
+    Raises:
+        TwinError: the jaw has no upper limit, to which an open gripper opens it.
+    """
     for arm in arms:
         auxiliary = np.flatnonzero(arm.kin.auxiliary)
         if not len(auxiliary):
@@ -247,7 +251,14 @@ def _jaws(
         k = auxiliary[0]
         joint_limits = limits[arm.robot]
         low = max(float(joint_limits.lower[k]), 0.0)  # some limits let the jaws cross; closed jaws are at 0
-        jaw = Jaw(low, float(joint_limits.upper[k]), float(q[arm.robot][k]), dt)
+        high = float(joint_limits.upper[k])
+        if not low < high < np.inf:
+            joint = arm.kin.joints[k]
+            raise TwinError(
+                f"{arm.robot}: the upper limit of the jaw's joint '{joint}' is {high:g} rad; an open gripper opens the "
+                f"jaw to it, so that it must be finite and above {low:g} rad: change the limits of '{joint}'"
+            )
+        jaw = Jaw(low, high, float(q[arm.robot][k]), dt)
         yield GripToJaw(hand, arm.robot, jaw)
 
 
