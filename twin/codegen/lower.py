@@ -45,7 +45,8 @@ def lowered() -> dict[int, ca.Function]:
     b = ca.SX.sym("b")
     # the cosine of the angle with sine a, and the sine of the angle with cosine a; NaN for |a| > 1, as required
     cathetus = ca.sqrt((1 - a) * (1 + a))
-    sign = ca.if_else(a > 0, 1, ca.if_else(a < 0, -1, a))
+    # the sum by which CasADi chooses a case would make 0 of -0
+    sign = ca.copysign(ca.if_else(a > 0, 1, ca.if_else(a < 0, -1, a)), a)
     return {
         ca.OP_ATAN2: ca.Function("atan2", [a, b], [_atan2(a, b)]),
         ca.OP_ATAN: ca.Function("atan", [a], [_atan2(a, ca.SX(1))]),
