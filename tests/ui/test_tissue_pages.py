@@ -65,12 +65,12 @@ def test_organs_in_the_stream_follow_the_displayed_links():
                     continue
                 await peer.ask("posture", name=posture)
             await asyncio.sleep(0.3)
+            await peer.until(lambda: sum(leaf.calls) > 0.2)
             frame = peer.frames[-1]
             assert isinstance(frame, SceneFrame)
             name = leaf.touching[robot.name][0]
             T = robot.reference().solve(frame.robots[0].q).link_poses[name]
             np.testing.assert_allclose(frame.fields[0], np.eye(3) + T[:3, 3], atol=2e-5)
-            assert sum(leaf.calls) > 0.2
 
     asyncio.run(go())
 

@@ -65,7 +65,7 @@ def shown(name, protocol=None):
         yield front
     finally:
         front.stop()
-        thread.join(30)
+        thread.join(120)
         assert not thread.is_alive()
 
 
@@ -181,7 +181,7 @@ def test_play_moves_the_robot_through_named_phases(sils):
     assert np.abs(front.active.movable.assembly.q - start).max() > 1 * MM
     until(lambda: sils.differs(before) > 0.002, "another picture")
     phase = front.active.playback.phase(front.clock.time)
-    assert phase in sils.page.locator("text=/phase/").first.inner_text()
+    until(lambda: phase in sils.page.locator("text=/phase/").first.inner_text(), "the name of the phase")
 
 
 def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
@@ -200,9 +200,13 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     curve = sils.page.locator(".uplot canvas").first
     until(lambda: (curve.bounding_box() or {"width": 0})["width"] > 0, "the curve")
     time.sleep(1.5)
-    canvas = curve.bounding_box()
-    image = np.asarray(Image.open(io.BytesIO(sils.page.screenshot(clip=canvas))).convert("RGB")).astype(int)
-    assert np.mean(np.ptp(image, axis=2) > 60) > 0.003  # coloured curves
+
+    def coloured():
+        shot = sils.page.screenshot(clip=curve.bounding_box())
+        image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+        return np.mean(np.ptp(image, axis=2) > 60)
+
+    until(lambda: coloured() > 0.003, "coloured curves")
     sils.tab("Instruments")
 
 
@@ -271,7 +275,9 @@ def test_a_session_is_recorded_and_replayed(sils):
     until(lambda: sils.page.get_by_role("button", name="Stop recording").count(), "the recording")
     passed = []
     for k in range(1, 6):
+        before = movable.assembly.q[0]
         sils.front.ask("joint", lambda k=k: movable.move_joint(0, movable.assembly.q[0] + k * MM))
+        until(lambda before=before: movable.assembly.q[0] != before, "the joint")
         time.sleep(0.2)
         passed.append(movable.assembly.q.copy())
     sils.page.get_by_role("button", name="Stop recording").click()
@@ -293,8 +299,7 @@ def reds(image):
 def test_the_printed_formula_turns_the_readout_red(sils):
     movable = still(sils)
     sils.front.ask("gizmo", lambda: setattr(sils.front.gizmo, "visible", False))
-    time.sleep(1.0)
-    assert "agree" in sils.readout()
+    until(lambda: "agree" in sils.readout(), "the readout of the robot's equations")
     before = reds(sils.shot())
     sils.tab("Design")
     box = sils.field("eq1")
