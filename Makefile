@@ -40,7 +40,7 @@ test-nightly: .venv/.synced-dev  ## the slow lane with long counts and all cases
 # Counts of the nightly lane; those of the slow lane are in the files of the tests. TWIN_KILLS is none of them: with it,
 # tests/cli/test_kill.py measures a time, and no other test may run beside it.
 NIGHTLY := TWIN_CAD_FAULTS=10 TWIN_DAVINCI_POSES=2000 TWIN_DRAGS=42 TWIN_FAULTS=16 TWIN_LOOKALIKES=12 TWIN_MARGINS=7 \
-	TWIN_NEAR_MISSES=48 TWIN_NOISY_MUTANTS=4 TWIN_RAVEN_POSES=1000 TWIN_REWRITES=60 \
+	TWIN_NEAR_MISSES=48 TWIN_NEW_EXAMPLES=1 TWIN_NOISY_MUTANTS=4 TWIN_RAVEN_POSES=1000 TWIN_REWRITES=60 \
 	TWIN_ROUNDINGS=1000000 TWIN_SEARCHES=12 TWIN_SWAPS=7
 
 # Pages and machines run in real time. A test that fails is run once more, with no other test beside it. If it passes

@@ -22,14 +22,23 @@ os.environ.setdefault("TWIN_PROCESSORS", "1")
 import numpy as np
 
 from twin.core.jobs import usable_processors
+from twin.validation.explain import deadline
 
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` lets its programs ignore it
 
-# The time that a draw or an example takes depends on what else the machine does: no test may fail by it.
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# The time that a draw or an example takes depends on what else the machine does: no test may fail by it. Nor by chance:
+# the examples of a test are the same in each run, but for the nightly lane, which draws others.
+settings.register_profile(
+    "any machine",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize="TWIN_NEW_EXAMPLES" not in os.environ,
+)
 settings.load_profile("any machine")
+# A search has its limit of processor time, whatever else the machine does.
+deadline._ELAPSED_PER_PROCESSOR_SECOND = 1000.0
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
