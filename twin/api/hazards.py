@@ -250,7 +250,7 @@ def _require_same_campaign(plan: Campaign, log: Log) -> None:
             fault += f"; expected {expected_values[key]!r}"
         raise OutputError(
             f"{log.path}: session {index}: {fault}. Delete the line of this session to run the session "
-            "again, or send_next another --out"
+            "again, or give another --out"
         )
 
 
