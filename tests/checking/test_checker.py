@@ -535,7 +535,7 @@ def test_pairs_that_cannot_be_compared_are_counted(tmp_path, monkeypatch):
     assert (finding.rule, finding.level) == ("compare/skipped", "note")
     text = "\n".join(str(part) for part in FolderCheck(".", (), (finding,), 3).lines(notes=False))
     assert "3 pairs compared" in text
-    assert "1 pairs not compared" in text
+    assert "1 pair not compared" in text
 
 
 def test_stems():
@@ -656,7 +656,7 @@ def test_junit_is_xml_with_a_failure_for_each_file_that_fails(tmp_path):
 @pytest.mark.slow
 def test_the_command_ends_with_zero_one_and_two(tmp_path, capsys):
     assert main(["check", str(CLEAN), "--quiet"]) == 0
-    assert "1 descriptions (1 urdf)" in capsys.readouterr().out
+    assert "1 description (1 urdf)" in capsys.readouterr().out
     text, _ = faulty("limits/order")
     repository(tmp_path / "robots", text)
     robots = str(tmp_path / "robots")

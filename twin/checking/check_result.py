@@ -13,6 +13,7 @@ from twin.checking.junit import fails, junit
 from twin.checking.rules import LEVELS, Level
 from twin.checking.sarif import sarif
 from twin.core.findings import Finding, Verdict
+from twin.core.format import count
 from twin.core.json_types import JsonObject
 from twin.core.result import Line, Part, Result, TextTable
 
@@ -159,8 +160,8 @@ class FolderCheck(Result):
             yield f"{_MARKS[finding.level]} {finding.place}: {finding.message} [{finding.rule}]"
             if shown_counts[key] == 1:  # the advice is that of the rule: once for a file is enough
                 yield f"    {finding.advice}"
-        for (file, rule), count in hidden_counts.items():
-            yield f"  and {count} more of {rule} in {file} (--all shows them)"
+        for (file, rule), number in hidden_counts.items():
+            yield f"  and {number} more of {rule} in {file} (--all shows them)"
         yield from self._summary()
 
     def _summary(self) -> Iterator[Part]:
@@ -171,14 +172,15 @@ class FolderCheck(Result):
             statuses[file.status] += 1
             formats[file.description.kind] += 1
         texts = []
-        for kind, count in sorted(formats.items()):
-            texts.append(f"{count} {kind}")
+        for kind, number in sorted(formats.items()):
+            texts.append(f"{number} {kind}")
         formats_text = ""
         if texts:
             formats_text = f" ({', '.join(texts)})"
-        yield f"\n{len(self.robots)} descriptions{formats_text}, {self.compared} pairs compared"
+        descriptions = count(len(self.robots), "description")
+        yield f"\n{descriptions}{formats_text}, {count(self.compared, 'pair')} compared"
         if self.skipped:
-            yield f"  {self.skipped} pairs not compared: --all tells why"
+            yield f"  {count(self.skipped, 'pair')} not compared: --all tells why"
         for status in ("incomplete", "unsupported", "unjudged"):
             if statuses[status]:
                 yield f"  {statuses[status]} {status}: --all tells why"
@@ -188,8 +190,8 @@ class FolderCheck(Result):
                 key = (finding.rule, finding.level)
                 counts[key] = counts.get(key, 0) + 1
         rows = []
-        for (rule, level), count in counts.items():
-            rows.append((rule, level, str(count)))
+        for (rule, level), number in counts.items():
+            rows.append((rule, level, str(number)))
         if rows:
             yield TextTable(("rule", "level", "findings"), rows)
         if self.baseline:
