@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from twin.simulation.session.training import Training
-from twin.ui.report import session_figures, sweep_figures, tolerance_figures
+from twin.ui.report import compare_figures, session_figures, sweep_figures, tolerance_figures
 from twin.ui.report.figure_output import svg
 from twin.ui.report.style import FIT, PALETTE, UNFIT
 
@@ -56,3 +56,9 @@ def test_a_sweep_of_one_objective_names_its_marks():
     legend = sweep_figures.figure(sweep).axes[0].get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["dominated", "best", "CAD"]
+
+
+def test_the_room_of_two_robots_takes_the_colour_of_the_page():
+    figure = Figure(figsize=(3, 3))
+    compare_figures._equal_axes(figure.add_subplot(projection="3d"), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]))
+    assert svg(figure, "f", "f").count("fill: var(--band)") == 3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from made import reports
@@ -17,7 +19,9 @@ WIDER = """[...document.querySelectorAll("body *")]
 @pytest.fixture(scope="module", params=["agree", "disagree"])
 def page(request, browser, tmp_path_factory):
     file = tmp_path_factory.mktemp("report") / "report.html"
-    file.write_text(render_html(reports.make_report(request.param, 250)), "utf-8")
+    report = reports.make_report(request.param, 250)
+    twice = [replace(f, where="s2") for f in report.findings if f.code == "point.differs"]  # a list in a finding
+    file.write_text(render_html(replace(report, findings=(*report.findings, *twice))), "utf-8")
     page = browser.new_page()
     page.goto(file.as_uri())
     yield page
@@ -27,6 +31,7 @@ def page(request, browser, tmp_path_factory):
 @pytest.mark.parametrize("width", [320, 390, 768, 1280])
 def test_only_wide_tables_and_figures_scroll_sideways(page, width):
     page.set_viewport_size({"width": width, "height": 844})
+    page.evaluate("document.querySelectorAll('details').forEach(list => { list.open = true; })")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(WIDER) == []
 

@@ -11,10 +11,11 @@ from twin.comparison.pose_comparison import PoseFit
 from twin.comparison.side import RobotSide
 from twin.comparison.side_pair import SidePair
 from twin.core import spatial
-from twin.core.quantity import deg, mm
+from twin.core.format import quantity
+from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.ui.report.style import PALETTE, styled, titled_figure
+from twin.ui.report.style import BAND, PALETTE, styled, titled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,7 +36,8 @@ def figure(comparison: Comparison) -> Figure:
     if pair.worst is not None:
         q_first = pair.worst.q_first
         q_second = pair.worst.q
-        title = f"largest difference of '{pair.worst.frame}': {mm(pair.worst.distance)}, {deg(pair.worst.angle)}"
+        angle = quantity(pair.worst.angle, "rad")
+        title = f"largest difference of '{pair.worst.frame}': {mm(pair.worst.distance)}, {angle}"
     X = np.eye(4)
     if pair.solution is not None:
         base = pair.solution.unknowns.base
@@ -80,6 +82,7 @@ def _equal_axes(ax: Axes3D, points: Array) -> None:
         limits = (middle[k] - half, middle[k] + half)
         getattr(ax, f"set_{name}lim")(*limits)
         getattr(ax, f"set_{name}label")(f"{name} [mm]")
+        getattr(ax, f"{name}axis").set_pane_color(BAND)  # which a dark page makes dark
 
 
 def _worst_distance(pair: SidePair) -> float:
