@@ -161,6 +161,11 @@ def _bad_index(stage):
     attribute.Set([99, *list(attribute.Get())[1:]])
 
 
+def _no_point(stage):
+    attribute = UsdGeom.Mesh(stage.GetPrimAtPath("/bars/rocker/rocker_visual")).GetPointsAttr()
+    attribute.Set([Gf.Vec3f(float("nan"), 0, 0), *list(attribute.Get())[1:]])
+
+
 def _millimetres(stage):
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/bars/rocker/rocker_visual"))
     points = [p * 1000 for p in mesh.GetPointsAttr().Get()]
@@ -241,6 +246,22 @@ MORE = {
         "stage.drive_target",
         CRANK,
     ),
+    "drive_target_nan": (
+        put(f"{CRANK}.drive:angular:physics:targetPosition", float("nan")),
+        "stage.not_finite",
+        CRANK,
+    ),
+    "centre_nan": (
+        put("/bars/rocker.physics:centerOfMass", Gf.Vec3f(float("nan"))),
+        "stage.not_finite",
+        "/bars/rocker",
+    ),
+    "inertia_nan": (
+        put("/bars/rocker.physics:diagonalInertia", Gf.Vec3f(float("nan"))),
+        "stage.not_finite",
+        "/bars/rocker",
+    ),
+    "point_nan": (_no_point, "stage.not_finite", "/bars/rocker/rocker_visual"),
     "drive_missing": (_drive_elsewhere, "stage.drive_missing", CRANK),
     "no_drive_at_all": (_no_drive, "stage.drive_missing", "/"),
     "drive_gains": (_no_gains, "stage.drive_missing", CRANK),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdPhysics
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from made import mechanisms as made
 from made.stage_faults import CLOSING, CRANK, ELBOW, MORE, PRINTED, _op_type, put
@@ -345,3 +345,19 @@ def test_a_joint_frame_that_is_not_finite_is_named(clean, tmp_path):
 
     found = check_stage(seeded(clean, tmp_path, spoil))
     assert [finding.where for finding in found if finding.code == "stage.not_finite"] == [ELBOW]
+
+
+def test_a_scaled_body_is_measured_at_its_scaled_size(clean, tmp_path):
+    """Bodies in mm with a scale of 0.001, as converters write them, were too large for their unit and their inertia."""
+
+    def spoil(stage):
+        body = UsdGeom.Xformable(stage.GetPrimAtPath("/bars/rocker"))
+        body.AddScaleOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(1e-3, 1e-3, 1e-3))
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/bars/rocker/rocker_visual"))
+        mesh.GetPointsAttr().Set([point * 1000 for point in mesh.GetPointsAttr().Get()])
+        mesh.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(mesh.GetPointsAttr().Get()))
+        center = UsdPhysics.MassAPI(body.GetPrim()).GetCenterOfMassAttr()
+        center.Set(center.Get() * 1000)
+
+    codes = {finding.code for finding in check_stage(seeded(clean, tmp_path, spoil)) if finding.where == "/bars/rocker"}
+    assert codes == {"stage.scale"}

@@ -62,6 +62,7 @@ _INERTIA_SIZE_NOTE = replace(_INERTIA_SIZE, severity="info", suggestion=_ADVICE_
 _SUBDIVISION = Kind("stage.subdivision", "warning", 'author subdivisionScheme = "none"')
 _EXTENT = Kind("stage.extent", "disagreement", "recompute the extent from the points")
 _POINT_INDEX = Kind("stage.point_index", "disagreement", "number the points from 0 to their count minus 1")
+_NOT_FINITE = Kind("stage.not_finite", "disagreement", "author finite numbers")
 _WINDING = Kind("stage.winding", "disagreement", "reverse the faces of the mesh, or author orientation = leftHanded")
 
 
@@ -92,18 +93,23 @@ def _check_nesting(scene: RawStage, path: str, prim: Usd.Prim) -> Iterator[Findi
 
 
 def _bounds(scene: RawStage, body: Usd.Prim) -> tuple[Array, Array] | None:
-    """Return (low (3,), high (3,)) in m of the meshes' bounding box in the body's frame; None without meshes."""
+    """Return (low (3,), high (3,)) in m of the meshes' bounding box in the body's frame, at its scaled size.
+
+    None without meshes, or if a point is not finite.
+    """
     corners: list[Array] = []
     for prim in below(scene, body):
         if not prim.IsA(UsdGeom.Mesh):
             continue
         points = mesh_points(UsdGeom.Mesh(prim))
+        if not np.isfinite(points).all():  # `check_meshes` names the point
+            return None
         if len(points):
             M = scene.relative(prim, body)
             corners.append(points @ M[:3, :3].T + M[:3, 3])
     if not corners:
         return None
-    stacked = np.vstack(corners) * scene.meters
+    stacked = np.vstack(corners) * scene.meters * scene.scale(body)
     return stacked.min(axis=0), stacked.max(axis=0)
 
 
@@ -144,7 +150,11 @@ def _check_mass(
         return
     # Meshes that do not show the whole body cannot show that its mass is wrong.
     is_whole_body = shows_all(scene, prim)
-    center = _three_numbers(api.GetCenterOfMassAttr().Get(), -np.inf) * scene.meters
+    stated_center = _three_numbers(api.GetCenterOfMassAttr().Get(), -np.inf)
+    if not np.all(np.isfinite(stated_center)) and not np.all(np.isneginf(stated_center)):  # -inf: not given
+        text = f"a number of the centre of mass of body {path} is not finite"
+        yield _NOT_FINITE(path, text)
+    center = stated_center * scene.meters * scene.scale(prim)
     if box is not None and np.all(np.isfinite(center)):
         low, high = box
         outside = np.maximum(np.maximum(low - center, center - high), 0)
@@ -154,7 +164,9 @@ def _check_mass(
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield kind(path, text, mm(gap), mm(COM_MARGIN))
     moments = _three_numbers(api.GetDiagonalInertiaAttr().Get(), 0.0) * scene.kilograms * scene.meters**2
-    if np.any(moments):
+    if not np.all(np.isfinite(moments)):
+        yield _NOT_FINITE(path, f"a number of the inertia of body {path} is not finite")
+    elif np.any(moments):
         yield from _check_inertia(path, mass, moments, box, is_whole_body)
 
 
@@ -240,6 +252,11 @@ def check_meshes(scene: RawStage) -> Iterator[Finding]:
         if mesh.GetSubdivisionSchemeAttr().Get() != UsdGeom.Tokens.none:
             yield _SUBDIVISION(path, f"mesh {path} is a subdivision surface: viewers round its edges")
         points = mesh_points(mesh)
+        is_finite = np.isfinite(points).all(axis=1)
+        if not is_finite.all():
+            number = int(np.argmin(is_finite))
+            yield _NOT_FINITE(path, f"mesh {path}: point {number} has a coordinate that is not finite")
+            continue
         yield from _check_extent(scene, path, mesh, points)
         if _is_closed(triangles):
             yield from _check_winding(scene, path, points, triangles)

@@ -66,6 +66,7 @@ _BEYOND_LIMITS = Kind(
     word="tolerance",
 )
 _STATE_MISSING = Kind("stage.state_missing", "warning", word="tolerance")
+_NOT_FINITE = Kind("stage.not_finite", "disagreement", "author finite numbers")
 _DRIVE_TARGET = Kind("stage.drive_target", "disagreement", "author a target within the limits, in degrees for angles")
 
 
@@ -221,6 +222,15 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
         return
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
     unit, display_factor = _unit(joint)
+    numbers = {
+        "target": drive.GetTargetPositionAttr().Get(),
+        "stiffness": drive.GetStiffnessAttr().Get(),
+        "damping": drive.GetDampingAttr().Get(),
+    }
+    for name, value in numbers.items():
+        if value is not None and not np.isfinite(value):
+            yield _NOT_FINITE(joint.path, f"joint {joint.path}: the {name} of its drive is not finite: {value}")
+            return
     target = drive.GetTargetPositionAttr().Get() * joint.unit
     low, high = _limits(joint)
     if joint.is_angle and _looks_like_radians(target, q):
