@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import casadi as ca
 import pytest
 
 import twin
@@ -103,6 +104,25 @@ def test_equal_outputs_of_different_texts_are_proved(lapbot, wrong):
     other = equal_outputs(lapbot.formula, wrong, variants, lapbot.mechanism)
     assert {claim.status for claim in other} >= {"refuted"}
     assert next(claim for claim in other if claim.name == "forward: pose").status == "proved"
+
+
+@pytest.mark.slow
+def test_outputs_that_differ_more_than_half_a_turn_from_the_middle_are_not_equal():
+    """Joint 5 of PA-10 makes 255 degrees to both sides; within half a turn, the difference is 0."""
+    robot = twin.load("pa10")
+    (forward,) = [equation for equation in robot.formula.equations if equation.stage == "forward"]
+    function = forward.variants[forward.default]
+
+    def changed(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
+        T = ca.SX(function(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8))
+        T[0, 3] += 1 - ca.cos((q5 - ca.atan2(ca.sin(q5), ca.cos(q5))) / 2)
+        return T
+
+    other = replace(forward, variants={forward.default: changed})
+    equations = tuple(other if equation is forward else equation for equation in robot.formula.equations)
+    variants = variant_choice.choose(robot.formula, None)
+    claims = equal_outputs(robot.formula, replace(robot.formula, equations=equations), variants, robot.mechanism)
+    assert next(claim for claim in claims if claim.name == "forward: pose").status == "refuted"
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import field, formula_side, values
@@ -15,7 +16,7 @@ from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.combined_proof import demote_wrong_signs
 from twin.proof.exact_replay import Notes, replay
 from twin.proof.formula_side import Outputs
-from twin.proof.prove import REPEATS_PER_STATE, STATES
+from twin.proof.prove import REPEATS_PER_STATE, STATES, even_states
 from twin.proof.random_states import ProofStates, random_states
 from twin.proof.values import Angle, ExactValue, Value
 
@@ -42,6 +43,16 @@ def equal_outputs(
     with field.modulo(field.PRIMES[0]):
         states = random_states(first, robot, STATES, seed)
         claims = list(_compared(states, first, second, variants))
+
+        def judge_near(centres: Mapping[str, Array]) -> None:
+            """Replace the claims that do not hold near given values (k,) of the random numbers."""
+            count = len(next(iter(centres.values())))
+            nearby_states = random_states(first, robot, count, seed, centres=centres)
+            for i, nearby_claim in enumerate(_compared(nearby_states, first, second, variants)):
+                if nearby_claim.status == "refuted" or nearby_claim.may_differ or nearby_claim.undefined_states:
+                    claims[i] = nearby_claim
+
+        judge_near(even_states(states.ranges, seed))
         rare: list[dict[str, float]] = []
         for formula in (first, second):
             report = examined_conditions(formula, variants, (), states.ranges, seed)
@@ -55,13 +66,8 @@ def equal_outputs(
                 centres[name] = np.concatenate([report.states[name], report.refused[name][::_EVERY_REFUSED]])
                 repeated[name] = np.tile(centres[name], REPEATS_PER_STATE)
             states_of_report = states_one_by_one(centres)
-            if not states_of_report:
-                continue
-            count = len(states_of_report) * REPEATS_PER_STATE
-            nearby_states = random_states(first, robot, count, seed, centres=repeated)
-            for i, nearby_claim in enumerate(_compared(nearby_states, first, second, variants)):
-                if nearby_claim.status == "refuted" or nearby_claim.may_differ or nearby_claim.undefined_states:
-                    claims[i] = nearby_claim
+            if states_of_report:
+                judge_near(repeated)
             rare += states_of_report
     return demote_wrong_signs(claims, rare)
 

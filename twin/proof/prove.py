@@ -145,6 +145,19 @@ def prove(
     return Prover(formula, robot, seed).proof(variants, states, progress)
 
 
+def even_states(ranges: Mapping[str, RandomRange], seed: int) -> dict[str, Array]:
+    """Return {random number: values (k,)} that are spread evenly over the ranges.
+
+    Tangents of half angles that are spread evenly, as the odds need them, belong to angles near half a turn if a joint
+    makes a full turn: branches elsewhere would hardly be met.
+    """
+    generator = np.random.default_rng([seed, 2])
+    even_values = {}
+    for name, limits in ranges.items():
+        even_values[name] = generator.uniform(limits.low, limits.high, _EVEN_STATES)
+    return even_values
+
+
 @dataclass(frozen=True)
 class _JudgedAttempt:
     """An attempt and its proof: their claims are the same, in the same order; only the attempt knows the roots."""
@@ -186,7 +199,7 @@ class _ProofRun:
         report = self._conditions(proof)
         proof = replace(proof, refused_states=self._refused_states(proof, report))
         proof = self._with_found_states(proof, report)
-        proof = self._judged_near(proof, self._even_states(proof.ranges))
+        proof = self._judged_near(proof, even_states(proof.ranges, self.prover.seed))
         self.progress("the signs of roots", 0.98)
         rare = states_one_by_one(report.states)
         proof = replace(proof, claims=combined_proof.demote_wrong_signs(proof.claims, rare))
@@ -243,18 +256,6 @@ class _ProofRun:
 
         formula = self.prover.formula
         return refuted_claims.with_errors_and_fractions(proof, formula_proof, formula, prove_with_random)
-
-    def _even_states(self, ranges: Mapping[str, RandomRange]) -> dict[str, Array]:
-        """Return {random number: values (k,)} that are spread evenly over the ranges.
-
-        Tangents of half angles that are spread evenly, as the odds need them, belong to angles near half a turn if a
-        joint makes a full turn: branches elsewhere would hardly be met.
-        """
-        generator = np.random.default_rng([self.prover.seed, 2])
-        even_values = {}
-        for name, limits in ranges.items():
-            even_values[name] = generator.uniform(limits.low, limits.high, _EVEN_STATES)
-        return even_values
 
     def _attempt(
         self,
