@@ -268,6 +268,11 @@ def test_what_does_not_fit_together_is_named(made, text):
     assert text in str(caught.value)
 
 
+def test_a_fault_of_no_number_is_refused():
+    with pytest.raises(WorldError, match=r"fault of arm\.q: target is \[\]; give an index"):
+        Fault("arm.q", 0, 1, "add", 1.0, target=[])
+
+
 # -- recordings -----------------------------------------------------------------------------------------------------
 
 

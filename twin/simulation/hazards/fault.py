@@ -53,6 +53,10 @@ class Fault(Hazard):
             raise WorldError(
                 f"fault of {self.signal}: its stop is {self.stop:g}; it must be after its start, {self.start:g}"
             )
+        if isinstance(self.target, list) and not self.target:
+            raise WorldError(
+                f"fault of {self.signal}: target is []; give an index, or leave target out for all numbers"
+            )
         value = np.asarray(self.value, float)
         if not np.isfinite(value).all():
             raise WorldError(f"fault of {self.signal}: the value is {self.value}; it must be finite")
