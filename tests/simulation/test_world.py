@@ -239,6 +239,7 @@ ARM = {"robots": [Placed("arm", two_links())], "plants": [Kinematic("arm", np.ze
     ("made", "text"),
     [
         ({"dt": 0.0}, "dt is 0 s; it must be above 0"),
+        ({"dt": np.inf}, "dt is inf s; it must be above 0 and finite"),
         ({"robots": [Placed("arm", two_links())]}, "robot 'arm' has no plant: no block writes 'arm.q'"),
         (ARM | {"plants": [Kinematic("arm", np.zeros(3), FREE)]}, "robot 'arm' needs 2 numbers in 'arm.q'"),
         ({"controllers": [Count("Slow")]}, "signal 'Slow.count' must be called <owner>.<what>"),
@@ -246,6 +247,8 @@ ARM = {"robots": [Placed("arm", two_links())], "plants": [Kinematic("arm", np.ze
         ({"plants": 2 * ARM["plants"]}, "'arm.q' is used twice in one World"),
         (ARM | {"hazards": [Fault("arm.encodre", 0, 1, "hold")]}, "no signal 'arm.encodre'. Did you mean 'arm.enc"),
         ({"controllers": [Count("slow", period=0.0015)]}, "Count steps every 0.0015 s, which is not a multiple of"),
+        ({"controllers": [Count("slow", period=np.nan)]}, "Count steps every nan s, which is not a multiple of"),
+        ({"controllers": [Count("slow", period=np.inf)]}, "Count steps every inf s, which is not a multiple of"),
         ({"deformables": [worlds.cloth()]}, "'cloth' has no plant: no block writes 'cloth.vertices'"),
         (
             {"deformables": [worlds.cloth()], "plants": [Field(worlds.cloth(), worlds.wave)]},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -85,8 +86,8 @@ class World:
                 a robot or an object has no plant, the signal of a hazard does not exist, or a period is not a multiple
                 of dt.
         """
-        if not dt > 0:
-            raise WorldError(f"dt is {dt:g} s; it must be above 0")
+        if not 0 < dt < math.inf:
+            raise WorldError(f"dt is {dt:g} s; it must be above 0 and finite")
         self.dt = dt
         self.tick = 0
         self.ended = False
@@ -118,9 +119,12 @@ class World:
         self._assemblies: dict[str, tuple[ReferenceModel, Assembly | None]] = {}
 
     def _block_run(self, block: Block, hazards: Iterable[Hazard]) -> _BlockRun:
-        ticks_per_step = round(block.period / self.dt)
+        ticks_per_step = 0
+        if math.isfinite(block.period):
+            ticks_per_step = round(block.period / self.dt)
         # A period is a decimal number, so its quotient by dt is whole only up to rounding.
-        if abs(ticks_per_step * self.dt - block.period) > 1e-9 * self.dt or block.period < 0:
+        is_whole = abs(ticks_per_step * self.dt - block.period) <= 1e-9 * self.dt  # false for NaN
+        if not is_whole or block.period < 0:
             name = type(block).__name__
             raise WorldError(f"{name} steps every {block.period:g} s, which is not a multiple of {self.dt:g} s")
         ticks_per_step = max(ticks_per_step, 1)
