@@ -488,6 +488,10 @@ def test_designs_fill_their_ranges(robots):
     assert grid.shape == (10, 2)
     assert sorted(set(grid[1:, 0].round(6))) == [0.12, 0.135, 0.15]
     assert np.array_equal(design.sample_designs(factors, 5, None, 3), design.sample_designs(factors, 5, None, 3))
+    with pytest.raises(TwinError, match="--samples: 100000000 designs; the limit is 10000000"):
+        design.sample_designs(factors, 100_000_000, None, 3)
+    with pytest.raises(TwinError, match=r"--grid: .* designs; the limit is 10000000"):
+        design.sample_designs(factors, 0, 10**9, 0)
 
 
 def judged(folder):

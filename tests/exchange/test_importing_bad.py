@@ -14,7 +14,8 @@ from twin import cli
 from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign import guard
 from twin.core.foreign.admit import admit, admit_together
-from twin.core.foreign.budget import Budget
+from twin.core.foreign.budget import Budget, read_bytes
+from twin.core.foreign.once import Once
 from twin.exchange.formats.step.read import read_skeleton
 from twin.exchange.read import read
 
@@ -159,6 +160,12 @@ def test_a_parser_that_crashes_or_hangs_is_an_error_that_names_the_file(tmp_path
     monkeypatch.setitem(guard._PARSERS, "MJCF", "import os; os.read(os.pipe()[0], 1)")
     with pytest.raises(BudgetError, match="refers to an endless stream"):
         guard.run(path, "MJCF")
+
+
+@pytest.mark.parametrize("reader", [read_bytes, Once()])
+def test_a_file_without_end_is_read_up_to_the_limit(reader):
+    with pytest.raises(BudgetError, match="/dev/zero: bytes so far: 100,001; the limit for YAML is 100,000"):
+        reader(Path("/dev/zero"), "YAML")
 
 
 @pytest.mark.parametrize("kind", sorted(guard._PARSERS))

@@ -47,6 +47,9 @@ OBJECTIVES = {
 POSITIONS = 27_000
 """Number of tool positions from which the step of the grid follows; the grid has whole steps, so about as many."""
 
+_DESIGNS = 10_000_000
+"""Maximum number of designs of a sweep, all of which are held in memory."""
+
 _SMALLEST_DISTANCE = 1e-9
 """Distance in m below which two joints count as being at one point."""
 
@@ -306,9 +309,17 @@ def _inputs(robot: Robot, source: str) -> tuple[tuple[str, str], ...]:
 
 
 def sample_designs(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
-    """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube."""
+    """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube.
+
+    Raises:
+        TwinError: there are more than `_DESIGNS` designs.
+    """
     from scipy.stats import qmc
 
+    count = levels ** len(factors) if levels else samples
+    if count > _DESIGNS:
+        option = "--grid" if levels else "--samples"
+        raise TwinError(f"{option}: {count} designs; the limit is {_DESIGNS}: give fewer, or vary fewer quantities")
     ranges = np.array([(factor.drawn, factor.low, factor.high) for factor in factors])
     drawn_design = ranges[None, :, 0]
     low = ranges[:, 1]

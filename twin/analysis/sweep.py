@@ -243,6 +243,8 @@ def _evaluate(
     """Evaluate the designs with the numbers `missing`, and store the result of each; return what has computed them."""
     scheduler = processes.get("scheduler") or LOCAL
     workers = processes.get("workers")
+    if workers is not None:
+        workers = min(workers, len(missing))  # more would have nothing to do
     device = processes.get("device", "cpu")
     tasks = []
     for number in missing:

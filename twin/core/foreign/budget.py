@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
 from twin.core.errors import BudgetError
 
@@ -116,7 +118,24 @@ def read_bytes(path: Path, kind: str) -> bytes:
         OSError: the file cannot be read.
     """
     check_size(path, kind)
-    return path.read_bytes()
+    with path.open("rb") as file:
+        return read_limited(file, path, kind)
+
+
+def read_limited(file: BinaryIO, path: Path, kind: str) -> bytes:
+    """Return all bytes of an open file, whose size has been checked; a device or a pipe states none, and may not end.
+
+    Raises:
+        BudgetError: the file is too large.
+        OSError: the file cannot be read.
+    """
+    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return file.read()
+    limit = BUDGETS[kind].bytes
+    data = file.read(limit + 1)
+    if len(data) > limit:
+        over(path, kind, "bytes so far", len(data), limit)
+    return data
 
 
 def check_size(path: Path, kind: str, budget: Budget | None = None) -> None:

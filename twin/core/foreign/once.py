@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.core.foreign.budget import check_size
+from twin.core.foreign.budget import check_size, read_limited
 
 Read = Callable[[Path, str], bytes]
 """Function that returns the bytes of a file from its path and format: `budget.read_bytes`, or a `Once`."""
@@ -37,7 +37,7 @@ class Once:
         check_size(path, kind)
         with path.open("rb") as file:
             stamp = _stamp(os.fstat(file.fileno()))  # of the file that is read: another may have taken its place
-            data = file.read()
+            data = read_limited(file, path, kind)
         self._known[path] = (stamp, data)
         return data
 
