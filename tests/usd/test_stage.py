@@ -664,6 +664,39 @@ def test_a_speed_or_a_centre_of_mass_that_cannot_be_is_told(tmp_path):
         read_stage(foreign.save())
 
 
+@pytest.mark.parametrize(
+    ("gains", "driven"),
+    [((0.0, 3.0), True), ((float("nan"), 1.0), True), ((2.0, -1.0), True), ((0.0, 0.0), False), ((-1.0, 0.0), False)],
+)
+def test_a_drive_that_controls_no_position_has_no_gains(gains, driven, tmp_path):
+    """A robot folder cannot state such gains; wheels have drives without stiffness."""
+    foreign = Foreign(tmp_path / "wheel.usda")
+    foreign.body("base")
+    foreign.body("wheel")
+    foreign.joint(F, "fix", None, "base")
+    joint = foreign.joint(R, "turn", "base", "wheel", axis="Z").GetPrim()
+    drive = UsdPhysics.DriveAPI.Apply(joint, "angular")
+    drive.CreateStiffnessAttr(gains[0])
+    drive.CreateDampingAttr(gains[1])
+    after, notes = inspect_stage(foreign.save())
+    assert (after.joint("turn").active, after.joint("turn").drive) == (driven, None)
+    assert [n.where for n in notes if n.code == "stage.read.drive"] == ["/World/turn"] * any(gains)
+
+
+def test_a_direction_that_is_locked_beside_zero_is_refused(tmp_path):
+    foreign = Foreign(tmp_path / "d6.usda")
+    foreign.body("a")
+    foreign.body("b")
+    foreign.joint(F, "fix", None, "a")
+    prim = foreign.joint(UsdPhysics.Joint, "six", "a", "b").GetPrim()
+    for direction in ("transX", "transY", "transZ", "rotY", "rotZ"):
+        limit = UsdPhysics.LimitAPI.Apply(prim, direction)
+        limit.CreateLowAttr(0.0 if direction != "transX" else 0.2)
+        limit.CreateHighAttr(0.0 if direction != "transX" else 0.2)
+    with pytest.raises(StageError, match=r"/World/six: transX is locked at 0\.2"):
+        read_stage(foreign.save())
+
+
 def with_cone(path: Path, first_deg: float, second_deg: float) -> Path:
     """Return the stage of two bodies and a ball joint with a cone of two half angles."""
     foreign = Foreign(path)

@@ -324,6 +324,7 @@ def _drive(scene: RawStage, joint: RawJoint, notes: list[Finding]) -> tuple[Driv
 
     A drive without gains is ignored, because converters add such a drive to every joint. The gains of an acceleration
     drive are relative to the effective mass, which is unknown; the joint counts as driven, but its gains are omitted.
+    So are those of a drive without stiffness, which controls a speed.
     """
     if not joint.instance or not joint.prim.HasAPI(UsdPhysics.DriveAPI, joint.instance):
         return None, False
@@ -331,8 +332,16 @@ def _drive(scene: RawStage, joint: RawJoint, notes: list[Finding]) -> tuple[Driv
     stiffness = float(drive.GetStiffnessAttr().Get())
     damping = float(drive.GetDampingAttr().Get())
     limit = float(drive.GetMaxForceAttr().Get())
-    if not (stiffness > 0 or damping > 0):
+    if stiffness == 0 and damping == 0:
         return None, False
+    is_position_drive = 0 < stiffness < np.inf and 0 <= damping < np.inf
+    if not is_position_drive:
+        text = (
+            f"the gains of joint {joint.path} are left out, because they are not those of a position drive: stiffness "
+            f"{stiffness:g} (must be above 0), damping {damping:g} (must not be negative)"
+        )
+        notes.append(info("stage.read.drive", joint.path, text))
+        return None, stiffness > 0 or damping > 0
     if drive.GetTypeAttr().Get() == UsdPhysics.Tokens.acceleration:
         text = f"the gains of joint {joint.path} are left out, because the type of its drive is acceleration"
         notes.append(info("stage.read.drive", joint.path, text))
