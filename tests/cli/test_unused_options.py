@@ -50,3 +50,18 @@ def test_an_example_is_copied_without_options_for_files(option, tmp_path, monkey
     assert main(["new", "mine", "--example", "hexapod", *option]) == 2
     assert f"{option[0]} is for a file to read, and --example copies a robot: omit one" in capsys.readouterr().err
     assert not (tmp_path / "mine").exists()
+
+
+@pytest.mark.parametrize(
+    "option",
+    [["--protocol", "table2"], ["--all-protocols"], ["--timing", "toppra"], ["--prove"], ["--tolerance-um", "5"]],
+    ids=lambda option: option[0],
+)
+def test_a_sweep_over_joint_ranges_refuses_what_it_does_not_use(option, tmp_path, capsys):
+    assert main(["validate", "sils", "--sweep", "--out", str(tmp_path), *option]) == 2
+    assert f"{option[0]} and --sweep cannot be combined" in capsys.readouterr().err
+
+
+def test_a_sweep_of_no_joint_is_no_comparison_along_a_protocol(tmp_path, capsys):
+    assert main(["validate", "sils", "--sweep", "", "--out", str(tmp_path)]) == 2
+    assert "--sweep: there is no active joint ''" in capsys.readouterr().err

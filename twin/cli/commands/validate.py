@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         return _samples(robot, args, tolerances)
     if args.device is not None:
         raise TwinError("--device applies to --samples N: give both, or omit --device")
-    if args.sweep or args.compare:
+    if args.sweep is not None or args.compare is not None:
         return _strokes(robot, args)
     chosen = protocols(robot, args)
     jobs: list[tuple[str, dict[str, str] | None]] = []
@@ -129,6 +130,14 @@ def _proved(robot: Robot, variants: dict[str, str] | None, root: Path, progress:
     return result, folder
 
 
+def _refuse(args: argparse.Namespace, unused: Sequence[str], with_option: str, reason: str) -> None:
+    """Raise a `TwinError` if one of the options `unused` is given, which has no effect together with another option."""
+    for option in unused:
+        if getattr(args, option):
+            name = option.replace("_", "-")
+            raise TwinError(f"--{name} and {with_option} cannot be combined: {reason}")
+
+
 def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | None) -> int:
     """Compare equations and mechanism at states all over the joint range; write samples.json and a page.
 
@@ -139,10 +148,8 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
     from twin.cli.option_values import device, stated_variants
     from twin.core import assets
 
-    for option in ("sweep", "compare", "protocol", "all_protocols", "timing", "prove"):
-        if getattr(args, option):
-            name = option.replace("_", "-")
-            raise TwinError(f"--{name} and --samples cannot be combined: states over the joint range are compared")
+    unused = ("sweep", "compare", "protocol", "all_protocols", "timing", "prove")
+    _refuse(args, unused, "--samples", "states over the joint range are compared")
     if args.samples < 1:
         raise TwinError(f"--samples {args.samples}: give at least 1")
     variants = stated_variants(args.variant)
@@ -177,6 +184,8 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     from twin.core.errors import unknown
     from twin.validation.stroke import SIMPLIFIED_MODELS
 
+    reason = "joints are moved over their ranges, and compared within fixed tolerances"
+    _refuse(args, ("protocol", "all_protocols", "timing", "prove", "tolerance_um"), "--sweep", reason)
     standins = tuple(filter(None, (args.compare or "").split(",")))
     joints: tuple[str, ...] = ()
     if args.sweep not in (None, "all"):
