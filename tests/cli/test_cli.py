@@ -462,6 +462,15 @@ def test_doctor_names_what_is_missing(run, monkeypatch):
     assert run("doctor", "--json").json["missing"] == ["toppra"]
 
 
+def test_the_verdict_of_doctor_depends_on_states_alone():
+    assert doctor._verdict([], [], [], "untested") == "  READY: everything is there"
+    assert doctor._verdict([], ["cbor2"], [8080], "software") == (
+        "  READY: all required packages are there; "
+        "1 optional packages are absent (pip install 'twin-robotics[all]'); "
+        "pages are drawn slowly or not at all: see WebGL 2; port 8080 is taken (choose another with --port)"
+    )
+
+
 # ------------------------------------------------------------------------------------------------ wrong usage
 
 WRONG = {

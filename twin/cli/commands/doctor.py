@@ -61,7 +61,6 @@ def run(args: argparse.Namespace) -> int:
         "xacro": "robots as xacro (extra: xacro)",
         "pyyaml": "loops of a URDF from a closure YAML (extra: yaml)",
         "aiomqtt": "--mqtt of twin serve (extra: mqtt)",
-        "build123d": "redraw the CAD (make cad-check)",
     }
     programs = {"chromium": "pictures of the viewer", "uv": "the locked environment"}
     rows: list[tuple[str, str, str]] = []
@@ -71,14 +70,25 @@ def run(args: argparse.Namespace) -> int:
         if installed is None:
             missing.append(name)
         rows.append((name, installed or "MISSING", "needed"))
+    absent: list[str] = []
     for name, purpose in extras.items():
-        rows.append((name, _installed(name) or "-", f"optional: {purpose}"))
+        installed = _installed(name)
+        if installed is None:
+            absent.append(name)
+        rows.append((name, installed or "-", f"optional: {purpose}"))
+    # no extra of twin installs it, so the verdict does not count it
+    rows.append(("build123d", _installed("build123d") or "-", "optional: redraw the CAD (make cad-check)"))
     for name, purpose in programs.items():
         rows.append((name, shutil.which(name) or "-", f"optional: {purpose}"))
     rows.append(("graphics processor", *_graphics_processor()))
-    rows.append(("WebGL 2", *_webgl(args.webgl)))
+    webgl = _webgl(args.webgl)
+    rows.append(("WebGL 2", *webgl))
+    taken: list[int] = []
     for command, port in PORTS.items():
-        rows.append((f"port {port}", *_port(command, port)))
+        state, purpose = _port(command, port)
+        if state == "taken":
+            taken.append(port)
+        rows.append((f"port {port}", state, purpose))
     if args.json:
         versions = {}
         for name, version, _ in rows:
@@ -95,31 +105,29 @@ def run(args: argparse.Namespace) -> int:
         if missing:
             names = ", ".join(missing)
             print(f"\n  missing: {names}. {_CURE}")
-        print(f"\n{show.plain(_verdict(missing, rows))}")
+        print(f"\n{show.plain(_verdict(missing, absent, taken, webgl[0]))}")
     if missing:
         return 2
     return 0
 
 
-def _verdict(missing: list[str], rows: list[tuple[str, str, str]]) -> str:
-    """Return one line: whether twin can work, and what is limited."""
+def _verdict(missing: list[str], absent: list[str], taken: list[int], webgl: str) -> str:
+    """Return one line: whether twin can work, and what is limited.
+
+    `missing` and `absent` are required and optional packages, `taken` default ports; `webgl` is a state of `_webgl`.
+    """
     if missing:
         from twin.core.format import count
 
         verb = "is" if len(missing) == 1 else "are"
         return f"  NOT READY: {count(len(missing), 'required package')} {verb} missing"
     limits = []
-    absent_count = 0
-    for _, state, purpose in rows:
-        if state == "-" and "(extra:" in purpose:
-            absent_count += 1
-    if absent_count:
-        limits.append(f"{absent_count} optional packages are absent (pip install 'twin-robotics[all]')")
-    for name, state, _ in rows:
-        if name.startswith("port ") and state == "taken":
-            limits.append(f"{name} is taken (choose another with --port)")
-        if name == "WebGL 2" and state in ("-", "software"):
-            limits.append("pages are drawn slowly or not at all: see WebGL 2")
+    if absent:
+        limits.append(f"{len(absent)} optional packages are absent (pip install 'twin-robotics[all]')")
+    if webgl in ("-", "software"):
+        limits.append("pages are drawn slowly or not at all: see WebGL 2")
+    for port in taken:
+        limits.append(f"port {port} is taken (choose another with --port)")
     if not limits:
         return "  READY: everything is there"
     return f"  READY: all required packages are there; {'; '.join(limits)}"
