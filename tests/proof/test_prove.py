@@ -167,6 +167,17 @@ def test_an_error_in_a_box_that_no_drawn_state_meets_is_found(width):
     assert abs(verdicts["forward: joint mount"].witness["q1"] - 0.12345) <= width
 
 
+def test_an_error_in_a_box_that_is_a_result_itself_is_found():
+    """A comparison is an entry of a point, as it is: no other operation reads it."""
+    robot = twin.load("pa10")
+    (function,) = [f for f in proof_mutants.functions(robot.formula) if f.__name__ == "places"]
+    text = Path(function.__code__.co_filename).read_text(encoding="utf-8")
+    changed = text.replace("vertcat(0, 0, 0)", "vertcat((T_base_tool[0, 3] - 0.3) ** 2 < 1e-12, 0, 0)")
+    with proof_mutants.with_text(function, changed):
+        proof = prove(robot.formula, variant_choice.choose(robot.formula, None), robot.mechanism, 256)
+    assert {claim.name: claim.status for claim in proof.claims}["inverse: point shoulder"] == "refuted"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("error", ["q5 > 3.6", "1 - cos((q5 - atan2(sin(q5), cos(q5))) / 2)"])
 def test_an_error_more_than_half_a_turn_from_the_middle_of_a_range_is_found(error):

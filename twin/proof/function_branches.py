@@ -96,6 +96,7 @@ def expressions_and_conditions(
         if step.operation == ca.OP_OUTPUT:
             output, entry = step.port
             results[output].nz[entry] = walk.memory[step.operands[0]]  # nz: by instructions, zeros are left out
+            walk.note_use(step)
         else:
             walk.take(step)
     required = set()
@@ -144,7 +145,7 @@ class _Walk:
             operands = [self.memory[place] for place in step.operands]
             condition = self._condition(step, operands)
             if condition is None:
-                self._note_use(step)
+                self.note_use(step)
             self._note_choice(step, operands)
             if len(operands) == 1:
                 value = ca.SX.unary(step.operation, *operands)
@@ -154,6 +155,13 @@ class _Walk:
         self._conditions.pop(step.target, None)
         if condition is not None:
             self._conditions[step.target] = condition
+
+    def note_use(self, step: Instruction) -> None:
+        """Note the conditions that an instruction uses as numbers, to choose by, or as an output."""
+        for place in step.operands:
+            if place in self._conditions:
+                instruction, _ = self._conditions[place]
+                self.choosing.add(instruction)
 
     def _condition(self, step: Instruction, operands: Sequence[ca.SX]) -> tuple[int, bool] | None:
         """Return (instruction, whether it is negated) of the condition that an instruction gives; None if it is none.
@@ -186,13 +194,6 @@ class _Walk:
         if is_negated:
             return -self.margins[instruction]
         return self.margins[instruction]
-
-    def _note_use(self, step: Instruction) -> None:
-        """Note the conditions that an instruction uses as numbers, or to choose by."""
-        for place in step.operands:
-            if place in self._conditions:
-                instruction, _ = self._conditions[place]
-                self.choosing.add(instruction)
 
     def _note_choice(self, step: Instruction, operands: Sequence[ca.SX]) -> None:
         """Note an instruction that is itself a condition which chooses."""
