@@ -136,7 +136,7 @@ def test_no_panel_covers_another(page, size):
         )
 
     with page.sized(*size):
-        headset.until(apart, f"the panels stand apart at {size}", 20)
+        headset.until(apart, f"the panels stand apart at {size}")
 
 
 GALLBLADDER = """
@@ -164,7 +164,7 @@ def test_the_board_hides_neither_the_gallbladder_nor_the_tools(page, player, siz
         return tools["width"] > 300 and (across or beside)
 
     with page.sized(*size):
-        headset.until(free, f"the panels stand apart at {size}", 20)
+        headset.until(free, f"the panels stand apart at {size}")
 
 
 @pytest.mark.browser

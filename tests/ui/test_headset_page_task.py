@@ -140,8 +140,9 @@ def test_the_end_shows_the_result_and_restart_begins_again(page):
         page.id("task-end").click()
         page.id("result").get_by_text("The task was ended.").wait_for()
         page.until("twin.app.model.said.includes('Restart the task')", "the server refuses the hand")
+        text = "The task was ended. Press Restart to begin again."
+        headset.until(lambda: page.id("status").inner_text() == text, "it is said")
         assert page.id("status").get_attribute("data-tone") == "plain", "the end of a task is no warning"
-        assert page.id("status").inner_text() == "The task was ended. Press Restart to begin again."
     finally:
         page.page.keyboard.up("w")
     assert "Rings transferred" in page.id("result").inner_text()
