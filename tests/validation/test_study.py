@@ -112,6 +112,31 @@ def test_a_study_that_fits_agrees(tmp_path, capsys):
     assert printed.splitlines()[0].endswith("are consistent (exit code 0)")
 
 
+def test_groups_without_any_difference_have_p_1(tmp_path):
+    """Mean and deviation of a rating that all users gave alike: t is 0 / 0."""
+    file = tmp_path / "alike.toml"
+    file.write_text(
+        'title = "t"\nsource = "s"\nusers = 5\n[[rating]]\nname = "effort"\nphysical = [5.0, 0.0]\n'
+        "simulation = [5.0, 0.0]\nprinted_p = 1.0\n"
+    )
+    (row,), findings = recompute(load(file))
+    assert set(row.tests.values()) == {1.0}
+    assert not findings
+
+
+def test_the_exact_test_of_ranks_is_a_usual_one(tmp_path):
+    """U = 8 of 5 and 5 users: exact p = 0.42, as R prints it; the normal approximation gives 0.40."""
+    file = tmp_path / "exact.toml"
+    file.write_text(
+        'title = "t"\nsource = "s"\nusers = 5\n[[measure]]\nname = "time"\nunit = "s"\n'
+        "physical = [1.0, 2.0, 3.0, 8.0, 9.0]\nsimulation = [4.0, 5.0, 6.0, 7.0, 90.0]\nprinted_mean = [4.6, 22.4]\n"
+        "printed_p = 0.42\n"
+    )
+    (row,), findings = recompute(load(file))
+    assert row.test() == "Mann-Whitney, exact"
+    assert not findings
+
+
 def test_command(capsys):
     assert main(["study", "sher"]) == 1
     printed = capsys.readouterr().out

@@ -30,7 +30,7 @@ _HALF_DIGIT = 0.005
 """Half a unit of the last printed digit, for table cells and p-values."""
 
 
-_RANK_TESTS = ("Mann-Whitney", "Wilcoxon")
+_RANK_TESTS = ("Mann-Whitney", "Mann-Whitney, exact", "Wilcoxon", "Wilcoxon, asymptotic")
 """Tests of ranks: rounding moves their p-values only if it changes the order, and printed order counts as right."""
 
 
@@ -136,7 +136,10 @@ def load(path: Path) -> Tables:
 
 def _p_value(result: object) -> float:
     """Return the p-value of a test's result, whose attributes scipy defines at run time."""
-    return float(getattr(result, "pvalue"))  # noqa: B009
+    p = float(getattr(result, "pvalue"))  # noqa: B009
+    if np.isnan(p):  # 0 / 0: equal means without any deviation; nothing speaks against equal groups
+        return 1.0
+    return p
 
 
 def recompute(tables: Tables) -> tuple[list[StudyRow], list[Finding]]:
@@ -203,8 +206,13 @@ def _p_values_of_users(physical: Array, simulation: Array) -> dict[str, float]:
         "Welch t": _p_value(stats.ttest_ind(physical, simulation, equal_var=False)),
         "Mann-Whitney": _p_value(stats.mannwhitneyu(physical, simulation, method="asymptotic")),
     }
-    if (physical != simulation).all():  # the exact test requires differences other than zero
+    if len(np.unique(np.append(physical, simulation))) == 2 * len(physical):  # the exact test requires distinct values
+        tests["Mann-Whitney, exact"] = _p_value(stats.mannwhitneyu(physical, simulation, method="exact"))
+    differing = physical != simulation
+    if differing.all():  # the exact test requires differences other than zero
         tests["Wilcoxon"] = _p_value(stats.wilcoxon(physical, simulation, method="exact"))
+    if differing.any():
+        tests["Wilcoxon, asymptotic"] = _p_value(stats.wilcoxon(physical, simulation, method="asymptotic"))
     return tests
 
 
