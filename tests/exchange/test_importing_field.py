@@ -586,6 +586,14 @@ def test_a_position_servo_beside_another_actuator_keeps_its_gains(actuators, tmp
     assert found.efforts == {}
 
 
+def test_a_tendon_on_a_joint_with_a_servo_takes_no_gains(tmp_path):
+    tendon = '<tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>'
+    found = mjcf(tmp_path, f'{tendon}<actuator>{SERVO}<motor name="m" tendon="t"/></actuator>')
+    (joint,) = found.mechanism.active
+    assert joint.drive is not None
+    assert joint.drive.stiffness == 100
+
+
 def test_a_second_position_servo_of_a_joint_is_told(tmp_path):
     found = mjcf(tmp_path, f'<actuator>{SERVO}<position name="q" joint="j" kp="9"/></actuator>')
     (joint,) = found.mechanism.active

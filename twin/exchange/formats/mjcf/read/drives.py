@@ -70,7 +70,7 @@ class DriveReader:
                 tendon_joints = list(fixed_tendon(model, target))
                 if tendon_joints:
                     self._warn_of_tendon(name, tendon_joints)
-                    drives[tendon_joints[0]] = None
+                    drives.setdefault(tendon_joints[0], None)  # another actuator may drive this joint by itself
                     continue
             if kind not in (transmission_types.mjTRN_JOINT, transmission_types.mjTRN_JOINTINPARENT):
                 text = f"actuator '{name}' acts on a spatial tendon, a site or a body, so it drives no joint."
