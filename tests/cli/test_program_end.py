@@ -391,6 +391,13 @@ def test_a_worker_that_ends_early_gives_no_result(message):
         call.result()
 
 
+def test_a_closed_standard_error_prevents_no_verdict():
+    command = f"exec {sys.executable} -m twin info silss --json 2>&-"
+    done = subprocess.run(["sh", "-c", command], stdout=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert "there is no robot 'silss'" in json.loads(done.stdout)["message"], "JSON and nothing else"
+
+
 def test_a_closed_output_is_refused_before_the_command_runs():
     line = [sys.executable, "-m", "twin", "list"]
     done = subprocess.run(line, capture_output=True, text=True, check=False, preexec_fn=lambda: os.close(1))
