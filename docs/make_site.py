@@ -256,7 +256,8 @@ def broken_links(site: Path) -> Iterator[str]:
 
 
 def _run_twin(*arguments: str) -> str:
-    environment = os.environ | {"COLUMNS": "100"}
+    # so many columns fit in a block of text of the site
+    environment = os.environ | {"COLUMNS": "88"}
     command = [sys.executable, "-m", "twin", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
 
