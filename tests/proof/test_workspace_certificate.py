@@ -14,6 +14,7 @@ import pytest
 import twin
 from made.certificates import audited, digest, require_refusal, require_short
 from made.scripts import script
+from twin import cli
 from twin.analysis.proven_workspace import proven_workspace
 from twin.core.errors import TwinError
 
@@ -56,6 +57,17 @@ def test_the_boxes_hold_for_script_and_audit(tmp_path, found, certificate, capsy
     code, report = audited(tmp_path / "c.json", certificate, capsys, "--robot", "sils")
     assert code == 0
     assert {check["where"] for check in report["checks"]} == {"loops", "predictions", "limits", "cones", "derivatives"}
+
+
+@pytest.mark.slow
+def test_a_run_that_proves_no_box_leaves_no_certificate_of_an_earlier_one(tmp_path, capsys):
+    (tmp_path / "certificate.json").write_text("{}")
+    box = ["300", "320", "300", "320", "300", "320"]
+    line = ["prove", "sils", "--workspace", "--edge-mm", "20", "--box-mm", *box, "--out", str(tmp_path)]
+    assert cli.main(line) == 0
+    assert "no box is proved free of singularities" in capsys.readouterr().out
+    assert (tmp_path / "boxes.json").is_file()
+    assert not (tmp_path / "certificate.json").exists()
 
 
 @pytest.mark.slow

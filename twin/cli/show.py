@@ -14,7 +14,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,12 +195,19 @@ def folder(args: argparse.Namespace, *default: str) -> Path:
     return path
 
 
-def store(result: Result, args: argparse.Namespace, folder: Path, other_files: Iterable[str] = ()) -> int:
+def store(
+    result: Result,
+    args: argparse.Namespace,
+    folder: Path,
+    other_files: Iterable[str] = (),
+    replacing: Collection[str] = (),
+) -> int:
     """Write the page, pictures and data of a result into a folder; then print the result and return its exit code.
 
-    `other_files` are the names of further files in the folder, to be listed after the pictures.
+    `other_files` are the names of further files in the folder, to be listed after the pictures. Files of an earlier
+    result with names in `replacing` are removed if this result does not write them.
     """
-    with assets.atomic_folder(folder) as work:
+    with assets.atomic_folder(folder, replacing) as work:
         pictures = result_files.write_result(result, work)
     return finish(result, args, folder, [*pictures, *other_files])
 

@@ -104,7 +104,7 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
     files = ["boxes.json"]
     if len(result.proof.low):  # without a proved box, there is nothing to certify
         files.append("certificate.json")
-    return show.store(result, args, folder, files)
+    return show.store(result, args, folder, files, replacing=["certificate.json"])
 
 
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:
