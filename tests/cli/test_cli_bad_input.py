@@ -583,3 +583,13 @@ def test_a_lack_of_memory_is_said(capsys, monkeypatch):
 def test_a_grid_without_end_is_refused(option, said, capsys, tmp_path):
     assert main(["workspace", "sils", option, "--tilt-deg", "1", "--out", str(tmp_path)]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_the_score_of_a_renamed_folder_is_where_reports_look_for_it(robot, capsys, monkeypatch, tmp_path):
+    def stop(args, *names):
+        raise TwinError("/".join(names))
+
+    monkeypatch.setattr("twin.cli.show.folder", stop)
+    renamed = robot.folder.rename(tmp_path / "another name")
+    assert main(["selftest", str(renamed)]) == 2
+    assert capsys.readouterr().err == "twin: sils\n"

@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis.mutation.fault import FAMILIES
     from twin.analysis.mutation.trials import selftest
     from twin.cli import show
+    from twin.core import assets
 
     if args.count < 1:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
@@ -44,7 +45,9 @@ def run(args: argparse.Namespace) -> int:
                 raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
         # in the order of `FAMILIES`, whatever the order in the option
         families = tuple(family for family in FAMILIES if family in stated_names)
-    name = Path(args.robot).resolve().stem  # a path such as `.` has a name only when it is resolved
+    name = Path(args.robot).stem
+    if Path(args.robot).is_dir():  # a folder may have another name than its robot, whose reports look for the score
+        name = assets.files(args.robot).name
     folder = show.folder(args, name)
     with show.progress(args.quiet or args.json) as progress:
         score = selftest(
