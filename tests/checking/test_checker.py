@@ -676,6 +676,17 @@ def test_the_command_ends_with_zero_one_and_two(tmp_path, capsys):
     assert main(["check", robots, "--exclude", "arm_description"]) == 2  # no robot is left
 
 
+@pytest.mark.parametrize("option", ["--sarif", "--junit"])
+def test_a_description_is_not_replaced_by_what_was_found_in_it(option, tmp_path, capsys):
+    text, _ = faulty("limits/order")
+    repository(tmp_path, text)
+    (urdf,) = tmp_path.rglob("*.urdf")
+    assert main(["check", str(tmp_path), "--quiet", option, str(urdf)]) == 2
+    said = capsys.readouterr()
+    assert "is a description that was checked: name another file" in said.out + said.err
+    assert urdf.read_text(encoding="utf-8") == text
+
+
 def test_bad_usage(tmp_path, capsys):
     assert main(["check", str(tmp_path / "none")]) == 2
     assert "does not exist" in capsys.readouterr().err

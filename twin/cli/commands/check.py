@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from twin.cli.parser import Command
+
+if TYPE_CHECKING:
+    from twin.checking.check_result import FolderCheck
 
 EXAMPLES = """\
   twin check .
@@ -64,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
             seconds=args.seconds,
             progress=progress,
         )
+    _require_other_files(result, args)
     if args.sarif:
         text = json.dumps(result.sarif(), indent=1, ensure_ascii=False)
         write_text(Path(args.sarif), f"{text}\n")
@@ -80,3 +85,16 @@ def run(args: argparse.Namespace) -> int:
         if code == 1:
             return 0
     return code
+
+
+def _require_other_files(result: FolderCheck, args: argparse.Namespace) -> None:
+    """Refuse an output file that is one of the descriptions that were checked: it would replace the description."""
+    from twin.core.errors import TwinError
+
+    descriptions = {judged.description.path.resolve() for judged in result.judged}
+    outputs = {"--sarif": args.sarif, "--junit": args.junit}
+    if args.write_baseline:
+        outputs["--baseline"] = args.baseline
+    for option, file in outputs.items():
+        if file and Path(file).resolve() in descriptions:
+            raise TwinError(f"{option} {file} is a description that was checked: name another file")
