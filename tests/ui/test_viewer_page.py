@@ -298,8 +298,10 @@ def reds(image):
 
 def test_the_printed_formula_turns_the_readout_red(sils):
     movable = still(sils)
-    sils.front.ask("gizmo", lambda: setattr(sils.front.gizmo, "visible", False))
     until(lambda: "agree" in sils.readout(), "the readout of the robot's equations")
+    with_gizmo = reds(sils.shot())
+    sils.front.ask("gizmo", lambda: setattr(sils.front.gizmo, "visible", False))
+    until(lambda: reds(sils.shot()) < with_gizmo - 50, "a picture without the red arrows of the gizmo")
     before = reds(sils.shot())
     sils.tab("Design")
     box = sils.field("eq1")
