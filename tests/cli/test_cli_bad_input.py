@@ -573,15 +573,15 @@ def test_a_lack_of_memory_is_said(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("options", "said"),
     [
-        ("--step-mm=1e-320", "mm is too small: increase --step-mm, or reduce --count"),
-        ("--step-mm=1e-300", "mm is too small: increase --step-mm, or reduce --count"),
-        ("--turns=99999999999999999999", "(--turns): give at most 1000000"),
+        (["--step-mm=1e-320"], "mm is too small: increase --step-mm, or reduce --count"),
+        (["--step-mm=1e-300"], "mm is too small: increase --step-mm, or reduce --count"),
+        (["--turns=99999999999999999999", "--tilt-deg=1"], "(--turns): give at most 1000000"),
     ],
 )
-def test_a_grid_without_end_is_refused(option, said, capsys, tmp_path):
-    assert main(["workspace", "sils", option, "--tilt-deg", "1", "--out", str(tmp_path)]) == 2
+def test_a_grid_without_end_is_refused(options, said, capsys, tmp_path):
+    assert main(["workspace", "sils", *options, "--out", str(tmp_path)]) == 2
     assert said in capsys.readouterr().err
 
 

@@ -59,7 +59,7 @@ INTERPRETER_ENDS = {  # what Python cannot catch: the process ends
     "SIGHUP (os.kill was": "import os, time; os.kill(os.getppid(), 1); time.sleep(30)",
     "SIGTERM (os.kill was": "import os; os.kill(0, 15)",
     "SIGTERM (os.killpg": "import os; os.killpg(os.getpgid(0), 15)",
-    "ended by SIGTERM before": "import os; os.system(f'kill -15 {os.getppid()}; sleep 20 >&- 2>&-')",
+    "ended by SIGTERM before": "import os; os.system(f'kill -15 {os.getppid()}; sleep 3 >&- 2>&-')",
     "SIGALRM": "import signal; signal.signal(14, signal.SIG_DFL); signal.alarm(1); signal.pause()",
 }
 
