@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import runpy
 import subprocess
 import sys
 from argparse import Namespace
@@ -17,7 +18,7 @@ from twin.cli.command_line import after_imports
 from twin.cli.parser import HELP, Command
 from twin.core.errors import TwinError
 from twin.core.jobs import Call
-from twin.core.program_end import SECONDS, ProgramEndError, contained
+from twin.core.program_end import SECONDS, ProgramEndError, contained, ending
 from twin.robots import load_formula
 
 ENDINGS = {  # code of an author that tries to end the program, and a part of the message
@@ -294,6 +295,18 @@ def test_an_interrupt_by_code_is_no_ctrl_c(interrupted, code, here):
     assert "the code ends the program by KeyboardInterrupt, so nothing can be checked" in err
     if here:
         assert f"twin: {path}:1: the code" in err
+
+
+def test_an_interrupt_that_comes_twice_is_told_where_the_first_one_came(tmp_path):
+    path = written(tmp_path, "raise KeyboardInterrupt", "import")
+    try:
+        try:
+            runpy.run_path(str(path))
+        finally:
+            raise KeyboardInterrupt
+    except KeyboardInterrupt as second:
+        text = str(ending(second))
+    assert text.startswith(f"{path}:")
 
 
 @pytest.mark.parametrize("group", [False, True])

@@ -166,7 +166,11 @@ def ending(error: BaseException) -> ProgramEndError:
         if error.code is not None:
             name = f"SystemExit({error.code!r})"
     text = f"the code ends the program by {name}, so nothing can be checked. Return a value instead."
-    place = _authored_line(traceback.extract_tb(error.__traceback__))
+    # A signal to a process group may come twice: the first interrupt is that of the code, the second comes anywhere.
+    first = error
+    while isinstance(first, KeyboardInterrupt) and isinstance(first.__context__, KeyboardInterrupt):
+        first = first.__context__
+    place = _authored_line(traceback.extract_tb(first.__traceback__))
     if place:
         text = f"{place}: {text}"
     return ProgramEndError(text).with_traceback(error.__traceback__)
