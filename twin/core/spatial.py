@@ -32,6 +32,18 @@ def length(v: Array) -> float:
     return math.sqrt(v @ v)
 
 
+def near_coordinates(coordinates: Array, near: Array | float, is_angle: Array) -> Array:
+    """Return coordinates (n,) with their angles changed by full turns, to the values nearest to `near` (n,).
+
+    The coordinates of a pose are angles within half a turn of 0; with them alone, a tool that passes half a turn would
+    jump by a full one.
+    """
+    full_turns = np.where(is_angle, np.rint((coordinates - near) / (2 * np.pi)), 0.0)
+    if not full_turns.any():  # the usual case, without a rounding
+        return coordinates
+    return coordinates - 2 * np.pi * full_turns
+
+
 def hat(w: ArrayLike) -> Array:
     """Return the cross product matrix (..., 3, 3) of w (..., 3)."""
     w = np.asarray(w, float)

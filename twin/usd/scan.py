@@ -391,14 +391,12 @@ def _type_and_axis(prim: Usd.Prim) -> tuple[str, frozenset[int], str, str]:
         return "", frozenset(), "Z", f"joints of type {prim.GetTypeName()} are not supported"
     free = _free_axes(prim)
     for name in DIRECTIONS:
+        if not prim.HasAPI(UsdPhysics.LimitAPI, name):
+            continue
         limit = UsdPhysics.LimitAPI(prim, name)
-        if prim.HasAPI(UsdPhysics.LimitAPI, name) and limit.GetLowAttr().Get() == limit.GetHighAttr().Get() != 0:
-            return (
-                "",
-                frozenset(),
-                "Z",
-                f"{name} is locked at {limit.GetLowAttr().Get():g}: move the joint's frame there",
-            )
+        low = limit.GetLowAttr().Get()
+        if low == limit.GetHighAttr().Get() and low != 0:
+            return "", frozenset(), "Z", f"{name} is locked at {low:g}: move the joint's frame there"
     if prim.HasAPI(UsdPhysics.LimitAPI, "distance"):
         return "", frozenset(free), "Z", "a distance limit is not supported"
     for i, token in enumerate("XYZ"):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core import spatial
-from twin.core.spatial import Array, length
+from twin.core.spatial import Array, length, near_coordinates
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE, TOOLS
-from twin.simulation.controllers.teleoperation import Teleoperation, near_coordinates
+from twin.simulation.controllers.teleoperation import Teleoperation
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     CONSOLE_MODE,

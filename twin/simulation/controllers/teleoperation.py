@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from twin.core.errors import KinematicsError
-from twin.core.spatial import Array
+from twin.core.spatial import Array, near_coordinates
 from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_HANDLE, HAND_PEDAL, ROBOT_ENCODER, ROBOT_RATE
@@ -54,18 +54,6 @@ def scales_of(kin: Kinematics, scale: float) -> Array:
         if unit == "rad":
             scales[i] = 1.0
     return scales
-
-
-def near_coordinates(coordinates: Array, near: Array, is_angle: Array) -> Array:
-    """Return coordinates (n,) with their angles changed by full turns, to the values nearest to `near` (n,).
-
-    The coordinates of a pose are angles within half a turn of 0; with them alone, a tool that passes half a turn would
-    jump by a full one.
-    """
-    full_turns = np.where(is_angle, np.rint((coordinates - near) / (2 * np.pi)), 0.0)
-    if not full_turns.any():  # the usual case, without a rounding
-        return coordinates
-    return coordinates - 2 * np.pi * full_turns
 
 
 class Teleoperation:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from twin.core.errors import KinematicsError
 from twin.core.progress import Progress
-from twin.core.spatial import Array
+from twin.core.spatial import Array, near_coordinates
 from twin.kinematics import Kinematics
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_GOAL, HAND_HANDLE, HAND_PEDAL, ROBOT_Q
@@ -193,8 +193,7 @@ class ScriptedHand(Block):
     def _missing(self, goal: Array) -> Array:
         """Return the motion (n,) of the handle that brings the tool to coordinates (n,), by the shorter turns."""
         difference = goal - self._tool_coordinates()
-        full_turns = np.where(self._is_angle, np.rint(difference / (2 * np.pi)), 0.0)
-        return (difference - 2 * np.pi * full_turns) / self._scale
+        return near_coordinates(difference, 0.0, self._is_angle) / self._scale
 
     def _work(self) -> Iterator[bool]:
         """Do the task; yield the state of the pedal once per period."""
